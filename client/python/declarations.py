@@ -44,7 +44,12 @@ def main():
     ffi = cffi.FFI()
     ffi.cdef(text)
     ffi.set_source("umbrage._declarations", None)
-    ffi.emit_python_code(os.path.join(sys.argv[1], "_declarations.py"))
+    out = os.path.join(sys.argv[1], "_declarations.py")
+    ffi.emit_python_code(out)
+    with open(out, "r+", encoding="utf-8") as file:
+        tables = file.read()
+        file.seek(0)
+        file.write("# mypy: ignore-errors\n" + tables)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ from .file_asset import FileAsset
 from .info import AssetInfo, CurveRow, Light
 from .maps import Camera, Derived
 from .opening import open
-from .range_asset import Held, RangeAsset, View
+from .range_asset import RangeAsset
+from .views import Held, View
 
 __path__ = extend_path(__path__, __name__)  # message classes that protoc makes are umbrage.v1
 __version__ = version()

@@ -2,7 +2,10 @@
 """
 Arrays of callers as C arrays, without a copy. Every check names the argument.
 """
+from __future__ import annotations
+
 import math
+from typing import Any, Optional
 
 import numpy as np
 
@@ -13,7 +16,7 @@ DOUBLE = np.dtype("float64")
 FORMATS = {FLOAT: core.UMB_POINT_F32, DOUBLE: core.UMB_POINT_F64}
 
 
-def as_array(value, name, last, dtypes=(FLOAT, DOUBLE)):
+def as_array(value: Any, name: str, last: Optional[int], dtypes: Any = (FLOAT, DOUBLE)) -> Any:
     """
     `value` itself if it is an array of floats of one of the dtypes, contiguous, with a last axis of `last` (None: no
     such axis); a list of numbers as float64 (or the only dtype). Raises TypeError or ValueError.
@@ -33,7 +36,7 @@ def as_array(value, name, last, dtypes=(FLOAT, DOUBLE)):
     return value
 
 
-def like(value, name, shape, last=None):
+def like(value: Any, name: str, shape: tuple[int, ...], last: Optional[int] = None) -> Any:
     """A float32 array of the points' shape (with a last axis of `last`), as as_array gives it."""
     value = as_array(value, name, last, (FLOAT,))
     wanted = shape if last is None else (*shape, last)
@@ -42,7 +45,7 @@ def like(value, name, shape, last=None):
     return value
 
 
-def triple(value, name):
+def triple(value: Any, name: str) -> tuple[float, float, float]:
     """Three finite numbers as a tuple."""
     try:
         x, y, z = (float(number) for number in value)
@@ -53,7 +56,7 @@ def triple(value, name):
     return x, y, z
 
 
-def writable(value, name, shape, dtype):
+def writable(value: Any, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
     """Checks an array for results, and returns it."""
     if not isinstance(value, np.ndarray):
         raise TypeError(f"{name}: must be an array, not {type(value).__name__}")
@@ -68,7 +71,7 @@ def writable(value, name, shape, dtype):
     return value
 
 
-def c_points(points, origin, normals, footprints):
+def c_points(points: Any, origin: Any, normals: Any, footprints: Any) -> tuple[Any, list[Any]]:
     """
     A struct umb_points of checked arrays, and the buffers that must stay alive as long as it is used.
     """

@@ -2,6 +2,8 @@
 """
 Keyword arguments of queries as struct umb_query_settings.
 """
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 from ._arrays import triple
@@ -38,7 +40,7 @@ class Dial(NamedTuple):
     budget_ns: float = 0.0
 
 
-def choose(table, value, name):
+def choose(table: dict[str, Any], value: Any, name: str) -> Any:
     """The number of a word. Raises ValueError that lists the words."""
     try:
         return table[value]
@@ -46,7 +48,7 @@ def choose(table, value, name):
         raise ValueError(f"{name}: {value!r}, must be one of {', '.join(table)}") from None
 
 
-def number(value, name):
+def number(value: Any, name: str) -> float:
     """A float. Raises TypeError."""
     try:
         return float(value)
@@ -54,10 +56,10 @@ def number(value, name):
         raise TypeError(f"{name}: must be a number, not {type(value).__name__}") from None
 
 
-def count(value, name, most=0xFFFFFFFF, least=0):
+def count(value: Any, name: str, most: int = 0xFFFFFFFF, least: int = 0) -> int:
     """A whole number from `least` to `most`. Raises TypeError or ValueError."""
     try:
-        whole = value.__index__()
+        whole = int(value.__index__())
     except AttributeError:
         raise TypeError(f"{name}: must be a whole number, not {type(value).__name__}") from None
     if not least <= whole <= most:
@@ -65,7 +67,7 @@ def count(value, name, most=0xFFFFFFFF, least=0):
     return whole
 
 
-def c_settings(settings):
+def c_settings(settings: Settings) -> Any:
     """A struct umb_query_settings. C checks the ranges; here words become numbers."""
     out = ffi.new("struct umb_query_settings *")
     out.light = count(settings.light, "light")
@@ -87,7 +89,7 @@ def c_settings(settings):
     return out
 
 
-def c_dial(dial):
+def c_dial(dial: Dial) -> Any:
     """A struct umb_dial."""
     out = ffi.new("struct umb_dial *")
     out.max_error_m = number(dial.max_error_m, "max_error")

@@ -2,18 +2,21 @@
 """
 Batches in slices: on one thread so that Ctrl-C is heard between them, on several so that they share the work.
 """
+from __future__ import annotations
+
 import itertools
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Callable, Optional
 
 SLICE = 65536  # points: some milliseconds; a multiple of 512, so that no two slices share a cache line of answers
 
-_pool = None
+_pool: Optional[ThreadPoolExecutor] = None
 _pool_threads = 0
 _pool_lock = threading.Lock()
 
 
-def _threads(count):
+def _threads(count: int) -> Any:
     """A pool of at least `count` threads; it stays for later batches."""
     global _pool, _pool_threads
     with _pool_lock:
@@ -25,7 +28,7 @@ def _threads(count):
         return _pool
 
 
-def run_slices(one, count, threads=1, size=SLICE):
+def run_slices(one: Callable[[int, int], Any], count: int, threads: int = 1, size: int = SLICE) -> None:
     """
     Calls one(first, number) for slices that cover 0 .. count - 1, on `threads` threads. An exception or an interrupt
     ends the batch after the slices that are under way.
@@ -37,7 +40,7 @@ def run_slices(one, count, threads=1, size=SLICE):
     numbers = itertools.count(0, size)  # next() of it is one step of the interpreter
     stop = threading.Event()
 
-    def work():
+    def work() -> None:
         for first in numbers:
             if first >= count or stop.is_set():
                 return

@@ -5,7 +5,7 @@ Assets and answers: what is common to assets of files, of ranges and of daemons.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Callable, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -13,14 +13,15 @@ import numpy.typing as npt
 from ._arrays import DOUBLE, FLOAT, as_array, c_points, writable
 from ._library import ffi
 from ._settings import Dial, count
-from .errors import NotFoundError
+from .errors import NotFoundError, UnsupportedError
 from .info import AssetInfo, Light
+from .maps import Camera, Derived
+from .views import Held, Triple, View
 
 BYTE = np.dtype("uint8")
 THREADS_MAX = 1024
 NO_DIAL = Dial()
 Numbers = Union[npt.NDArray[np.float32], npt.NDArray[np.float64], Sequence[Any]]
-Triple = Sequence[float]
 LightChoice = Union[int, str, Sequence[Union[int, str]]]
 
 
@@ -181,13 +182,13 @@ class Asset:
         milliseconds (a daemon: the call is left to its deadline).
         Answers are the same bits for every batch size and number of threads, in process or over a daemon.
         """
-        points = as_array(points, "points", 3)
+        given: Any = as_array(points, "points", 3)
         if threads != 1:
             count(threads, "threads", THREADS_MAX, 1)
         if light.__class__ is not int:
             numbers, is_one = self._light_numbers(light)
             if not is_one:
-                return self._query_lights(numbers, points, dict(
+                return self._query_lights(numbers, given, dict(
                     normals=normals, taps=taps, filter=filter, bias=bias, bias_unit=bias_unit, format=format,
                     origin=origin, footprints=footprints, footprint_m=footprint_m, level=level,
                     light_extent=light_extent, opaque_only=opaque_only, eye=eye, pixel_rad=pixel_rad,
@@ -197,21 +198,21 @@ class Asset:
         settings = (light, taps, filter, bias, bias_unit, format, footprint_m, level, light_extent, opaque_only,
                     eye if eye is None else tuple(eye), pixel_rad)
         dial = Dial(max_error, max_visibility, budget) if max_error or max_visibility or budget else NO_DIAL
-        batch, keep = c_points(points, origin, normals, footprints)
-        shape = points.shape[:-1]
+        batch, keep = c_points(given, origin, normals, footprints)
+        shape = given.shape[:-1]
         if format == "f32":
             values = np.empty(shape, FLOAT) if out is None else writable(out, "out", shape, FLOAT)
         else:
-            length = ((points.size // 3 + 7) // 8,) if format == "bit" else shape
+            length = ((given.size // 3 + 7) // 8,) if format == "bit" else shape
             values = np.empty(length, BYTE) if out is None else writable(out, "out", length, BYTE)
-        result = self._answer(settings, dial, points, batch, values, stats, threads)
+        result = self._answer(settings, dial, given, batch, values, stats, threads)
         del keep
         return result if stats else values
 
     def _query_lights(self, numbers: list[int], points: Any, rest: dict[str, Any], out: Any) -> Any:
         format, count_ = rest["format"], points.size // 3
         shape = ((count_ + 7) // 8,) if format == "bit" else points.shape[:-1]
-        dtype = FLOAT if format == "f32" else BYTE
+        dtype: Any = FLOAT if format == "f32" else BYTE
         values = np.empty((len(numbers), *shape), dtype) if out is None else writable(out, "out", (len(numbers), *shape),
                                                                                      dtype)
         results = [self.query(points, light=number, out=values[i], **rest) for i, number in enumerate(numbers)]
@@ -299,3 +300,45 @@ class Asset:
 
     def _boxes(self, light: int, boxes: Any, found: Any) -> None:
         raise NotImplementedError
+
+    def derive(self, width: int, height: int, *, technique: str = "pcf", format: str = "f32", light: int = 0,
+               rect: Optional[Sequence[float]] = None, mips: bool = False, camera: Optional[Camera] = None,
+               cascades: int = 0, weight: float = 0.5) -> Derived:
+        """
+        Derives shadow maps for a GPU from an asset of a file alone.
+
+        width, height  texels of each map; powers of two with mips
+        technique      "pcf" (depth), "vsm", "esm", "evsm" or "msm"
+        format         "f32", "f16" or "u16"
+        rect           x0, y0, x1, y1 in voxels of the light's frustum; None: all of it
+        camera, cascades, weight   a map for each slice of the camera's view (umbrage/cascades.h)
+
+        Raises UnsupportedError for spot and point lights, for assets baked under the closed rule without the effect
+        `front`, and for assets of ranges and daemons.
+        """
+        raise UnsupportedError("derive needs an asset of a file", "E_UNSUPPORTED")
+
+    def explain(self, point: Triple, normal: Optional[Triple] = None, **settings: Any) -> dict[str, Any]:
+        """
+        How the answer of one point comes about, step by step: the fields of struct umb_explanation as a dict.
+
+        settings  keywords of `query` that set how it answers: light, taps, filter, bias ...
+
+        Raises UnsupportedError for assets of ranges and daemons.
+        """
+        raise UnsupportedError("explain needs an asset of a file", "E_UNSUPPORTED")
+
+    def fetch(self, *views: View, max_bytes: int = 0, progress: Optional[Callable[[Held], Any]] = None) -> Held:
+        """
+        Reads the missing pages that the views need; without a view those that queries missed. An asset of a file or a
+        daemon is whole: nothing is read.
+
+        max_bytes  bytes to read before it stops; 0: no limit
+        progress   called with what is held after each round; a true result stops
+        """
+        return self.held()
+
+    def held(self) -> Held:
+        """What of the asset is here."""
+        size = self.info.packed_bytes or self.info.memory_bytes
+        return Held(1, 1, size, size, self.info.memory_bytes, 0, 0, 0)

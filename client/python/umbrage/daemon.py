@@ -17,7 +17,7 @@ from ._library import check, core, ffi, rpc, text
 from ._settings import Dial, Settings, c_dial, c_settings, count
 from .assets import Asset, Result, stats_of, whole_result
 from .errors import raise_status
-from .info import AssetInfo, curve_row, light_of
+from .info import AssetInfo, curve_row, light_of, three
 from .range_asset import RangeAsset
 
 STATES = ("queued", "running", "done", "failed", "poison")
@@ -79,6 +79,7 @@ class _Call:
     def __init__(self, client: Any) -> None:
         self._client, self._over = client, threading.Event()
         self._status, self._said, self._errno = core.UMB_E_INTERNAL, "", 0
+        self._then: Optional[Callable[[], None]] = None
         self._callback = ffi.callback("void(void *, enum umb_status, const struct umb_error *)", self._done)
         self.handle = ffi.new("struct umb_client_async *")
         self.handle.done = self._callback
@@ -88,6 +89,12 @@ class _Call:
         if error != ffi.NULL:
             self._said, self._errno = text(error.message), error.system_error
         self._over.set()
+        if self._then is not None:
+            self._then()
+
+    def at_end(self, then: Callable[[], None]) -> None:
+        """Sets what runs on the client's thread when the call is over. Before the call begins."""
+        self._then = then
 
     def wait(self, status: int, error: Any) -> None:
         """In: what the function that began the call returned. Raises what the call failed with."""
@@ -173,9 +180,13 @@ class Daemon:
     def open_ranges(self, asset: str, **options: Any) -> RangeAsset:
         """The asset of a name or id, of which the pages that views need are read from the daemon."""
         source, error = ffi.new("struct umb_region_source *"), lib.new_error()
+        def close() -> None:
+            rpc.umb_region_daemon_close(source)
+            _ = self  # the daemon stays open as long
+
         check(rpc.umb_region_daemon_open(self.client(), asset.encode(), source, error), error)
         try:
-            return RangeAsset(source, lambda: (self, rpc.umb_region_daemon_close(source))[0] and None, **options)
+            return RangeAsset(source, close, **options)
         except BaseException:
             rpc.umb_region_daemon_close(source)
             raise
@@ -229,8 +240,8 @@ class Daemon:
         callback = ffi.callback("int(void *, const struct umb_job_status *)", on_status, error=0)
         call, error = _Call(self.client()), lib.new_error()
         name = ffi.new("char[]", lib.path_bytes(job, "job"))
+        call.at_end(lambda: told.put(None))
         check(rpc.umb_client_watch(self.client(), name, callback, ffi.NULL, call.handle, error), error)
-        threading.Thread(target=lambda: (call._over.wait(), told.put(None)), daemon=True).start()
         try:
             while (status := told.get()) is not None:
                 yield status
@@ -339,8 +350,8 @@ class DaemonAsset(Asset):
             lights = tuple(light_of(one.info, one.resolution, one.voxel_m, one.closed,
                                     tuple(curve_row(one.curve[k]) for k in range(one.curve_count)))
                            for one in told.lights[0:told.light_count])
-            return AssetInfo(lib.id_text(told.asset.id), lights, tuple(told.origin),
-                             (tuple(told.bounds.min), tuple(told.bounds.max)), lib.id_text(told.scene_hash),
+            return AssetInfo(lib.id_text(told.asset.id), lights, three(told.origin),
+                             (three(told.bounds.min), three(told.bounds.max)), lib.id_text(told.scene_hash),
                              text(told.plan), text(told.settings), told.asset.memory_bytes, told.asset.packed_bytes)
         finally:
             core.umb_free(told)
@@ -348,7 +359,8 @@ class DaemonAsset(Asset):
     def _answer(self, settings: Any, dial: Dial, points: Any, batch: Any, values: Any, stats: bool,
                 threads: int) -> Optional[Result]:
         request, error, over = ffi.new("struct umb_client_query_request *"), lib.new_error(), threading.Event()
-        wanted, c_dial_, told = c_settings(Settings(*settings)), c_dial(dial), {}
+        wanted, c_dial_ = c_settings(Settings(*settings)), c_dial(dial)
+        told: dict[str, Any] = {}
         if dial != Dial() and wanted.taps == 1:
             wanted.taps = 0
         request.asset, request.settings, request.dial, request.points = self._name, wanted[0], c_dial_[0], batch[0]

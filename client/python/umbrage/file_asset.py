@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Optional
+from typing import Any, Optional, Sequence
 
 import numpy as np
 
@@ -18,13 +18,14 @@ from ._slices import run_slices
 from .assets import NO_DIAL, Asset, Result, stats_of, whole_result
 from .info import read_info
 from .maps import Camera, Derived, derive
+from .views import Triple
 
 KEPT = 64             # prepared queries
 SAMPLE = 200_000      # points of a batch on which a budget is measured, at most
 SLICED = 4096         # items of a volume query between two looks at Ctrl-C
 
 
-@ffi.callback("double(void)")
+@ffi.callback("double(void)")  # type: ignore[misc]
 def _cpu_s() -> float:
     """CPU time of the calling thread: other programs do not lengthen it."""
     return time.thread_time()
@@ -120,12 +121,7 @@ class FileAsset(Asset):
         finally:
             self._leave()
 
-    def explain(self, point: Any, normal: Any = None, **settings: Any) -> dict[str, Any]:
-        """
-        How the answer of one point comes about, step by step: the fields of struct umb_explanation as a dict.
-
-        settings  keywords of `query` that set how it answers: light, taps, filter, bias ...
-        """
+    def explain(self, point: Triple, normal: Optional[Triple] = None, **settings: Any) -> dict[str, Any]:
         place = np.array(triple(point, "point"), DOUBLE)
         direction = None if normal is None else np.array(triple(normal, "normal"), FLOAT)
         told = ffi.new("struct umb_explanation *")
@@ -135,25 +131,13 @@ class FileAsset(Asset):
             core.umb_query_explain(self._query_of(tuple(Settings(**settings))), batch, 0, told)
         finally:
             self._leave()
-        words = plain(told[0])
+        words: dict[str, Any] = plain(told[0])
         words["steps"] = words["steps"][:words.pop("step_count")]
         return words
 
     def derive(self, width: int, height: int, *, technique: str = "pcf", format: str = "f32", light: int = 0,
-               rect: Optional[Any] = None, mips: bool = False, camera: Optional[Camera] = None, cascades: int = 0,
-               weight: float = 0.5) -> Derived:
-        """
-        Derives shadow maps for a GPU from the asset alone.
-
-        width, height  texels of each map; powers of two with mips
-        technique      "pcf" (depth), "vsm", "esm", "evsm" or "msm"
-        format         "f32", "f16" or "u16"
-        rect           x0, y0, x1, y1 in voxels of the light's frustum; None: all of it
-        camera, cascades, weight   a map for each slice of the camera's view (umbrage/cascades.h)
-
-        Raises UnsupportedError for spot and point lights, and for assets baked under the closed rule without the
-        effect `front`.
-        """
+               rect: Optional[Sequence[float]] = None, mips: bool = False, camera: Optional[Camera] = None,
+               cascades: int = 0, weight: float = 0.5) -> Derived:
         self._enter()
         try:
             return derive(self._asset, width, height, technique, format, light, rect, mips, camera, cascades, weight)

@@ -79,18 +79,23 @@ class AssetInfo:
         return asdict(self)
 
 
-def curve_row(row):
+def three(numbers: Any) -> tuple[float, float, float]:
+    """A C array double[3] as a tuple."""
+    return numbers[0], numbers[1], numbers[2]
+
+
+def curve_row(row: Any) -> CurveRow:
     """A CurveRow of a struct umb_curve_row."""
     return CurveRow(*(getattr(row, name) for name in CurveRow.__dataclass_fields__))
 
 
-def light_of(info, resolution, voxel_m, closed, curve):
+def light_of(info: Any, resolution: int, voxel_m: Any, closed: Any, curve: tuple[CurveRow, ...]) -> Light:
     """A Light of a struct umb_light_info and what stands elsewhere."""
-    return Light(text(info.name), KINDS.get(info.kind, "unknown"), tuple(info.direction), tuple(info.position),
-                 info.extent, resolution, tuple(voxel_m), bool(closed), curve)
+    return Light(text(info.name), KINDS.get(info.kind, "unknown"), three(info.direction), three(info.position),
+                 info.extent, resolution, three(voxel_m), bool(closed), curve)
 
 
-def _read_light(asset, number):
+def _read_light(asset: Any, number: int) -> Light:
     info, frustum, edges = ffi.new("struct umb_light_info *"), ffi.new("struct umb_frustum_info *"), ffi.new("double[3]")
     rows, count = ffi.new("struct umb_curve_row[]", core.UMB_CURVE_ROWS_MAX), ffi.new("size_t *")
     if core.umb_asset_get_light(asset, number, info) != lib.OK:
@@ -103,10 +108,10 @@ def _read_light(asset, number):
     return light_of(info, resolution, edges, closed, tuple(curve_row(rows[i]) for i in range(count[0])))
 
 
-def read_info(asset):
+def read_info(asset: Any) -> AssetInfo:
     """The AssetInfo of an open struct umb_asset."""
     info = ffi.new("struct umb_asset_info *")
     core.umb_asset_get_info(asset, info)
     return AssetInfo(lib.id_text(info.id), tuple(_read_light(asset, i) for i in range(info.light_count)),
-                     tuple(info.origin), (tuple(info.bounds.min), tuple(info.bounds.max)), lib.id_text(info.scene_hash),
+                     three(info.origin), (three(info.bounds.min), three(info.bounds.max)), lib.id_text(info.scene_hash),
                      text(info.plan), text(info.settings), info.memory_bytes, info.packed_bytes)

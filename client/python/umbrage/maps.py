@@ -5,7 +5,7 @@ Shadow maps for GPUs, derived from an asset (umbrage/derive.h).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,7 @@ from ._arrays import triple
 from ._library import check, ffi
 from ._library import maps as library
 from ._settings import choose, count, number
-
-if TYPE_CHECKING:
-    from .assets import Triple
+from .views import Triple
 
 TECHNIQUES = {"pcf": library.UMB_MAP_PCF, "vsm": library.UMB_MAP_VSM, "esm": library.UMB_MAP_ESM,
               "evsm": library.UMB_MAP_EVSM, "msm": library.UMB_MAP_MSM}
@@ -47,7 +45,8 @@ class Derived:
 
 
 def _levels(one: Any, dtype: str) -> list[npt.NDArray[Any]]:
-    levels, out = [], ffi.new("struct umb_map_level *")
+    levels: list[npt.NDArray[Any]] = []
+    out = ffi.new("struct umb_map_level *")
     while library.umb_map_get_level(one, len(levels), out) == lib.OK:
         data = np.frombuffer(ffi.buffer(out.texels, out.bytes), dtype).copy()
         levels.append(data.reshape(out.height, out.width, out.channels))
@@ -94,9 +93,9 @@ def derive(asset: Any, width: int, height: int, technique: str, format: str, lig
 class Camera:
     """A camera (struct umb_camera). World space, metres, radians."""
 
-    eye: "Triple"
-    forward: "Triple"
-    up: "Triple" = (0.0, 0.0, 1.0)
+    eye: Triple
+    forward: Triple
+    up: Triple = (0.0, 0.0, 1.0)
     fov_y: float = 1.0
     aspect: float = 1.0
     near_m: float = 0.1

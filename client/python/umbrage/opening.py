@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 from typing import Any, Optional, Union
 
+from .assets import Asset
 from .daemon import open_daemon_asset
 from .file_asset import FileAsset
 from .range_asset import open_ranges, open_url
@@ -16,7 +17,7 @@ SITES = ("http://", "https://")
 
 
 def open(where: Union[str, "os.PathLike[str]"], *, partial: bool = False, id: Optional[str] = None, memory: int = 0,
-         headers: Optional[dict[str, str]] = None, **options: Any) -> Any:
+         headers: Optional[dict[str, str]] = None, **options: Any) -> Asset:
     """
     Opens an asset.
 

@@ -9,76 +9,22 @@ import ssl
 import threading
 import urllib.parse
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
+from typing import Any, Callable, Iterable, Iterator, Optional
 
 import numpy as np
 
 from . import _library as lib
-from ._arrays import FLOAT, triple
+from ._arrays import FLOAT
 from ._library import check, core, ffi, rpc
-from ._settings import Dial, Settings, c_settings, count, number
-from .assets import Asset, Result, Triple, stats_of
+from ._settings import Dial, Settings, c_settings, count
+from .assets import Asset, Result, stats_of
 from .errors import ArgumentError, UnsupportedError
 from .info import read_info
+from .views import Held, View
 
 TIMEOUT_S = 30.0
 REDIRECTS = 5
 AT_ONCE = 8  # requests under way
-
-
-@dataclass(frozen=True)
-class View:
-    """
-    The points that later queries ask about, and how exactly (struct umb_partial_view).
-
-    light      number of the light; None: all lights
-    box        ((x, y, z), (x, y, z)), metres, world space: only points in this box
-    eye, forward, up, fov_y, aspect, far_m   only points that this camera sees; radians, metres; far_m 0: no limit
-    max_error_m, max_error_rad   size of cells that need no finer pages: an edge in metres, an angle at the eye
-    taps       widest filter of the queries
-    """
-
-    light: Optional[int] = None
-    box: Optional[Sequence[Triple]] = None
-    eye: Optional[Triple] = None
-    forward: Triple = (0.0, 1.0, 0.0)
-    up: Triple = (0.0, 0.0, 1.0)
-    fov_y: float = 1.0
-    aspect: float = 1.0
-    far_m: float = 0.0
-    max_error_m: float = 0.0
-    max_error_rad: float = 0.0
-    taps: int = 17
-
-    def _fill(self, out: Any) -> None:
-        out.light = 0xFFFFFFFF if self.light is None else count(self.light, "light")
-        out.taps = count(self.taps, "taps")
-        out.max_error_m, out.max_error_rad = number(self.max_error_m, "max_error_m"), number(self.max_error_rad,
-                                                                                            "max_error_rad")
-        if self.box is not None:
-            if len(self.box) != 2:
-                raise ValueError("box: must be two corners")
-            out.has_box, out.box.min, out.box.max = 1, triple(self.box[0], "box[0]"), triple(self.box[1], "box[1]")
-        if self.eye is not None:
-            out.has_camera, camera = 1, out.camera
-            camera.eye, camera.forward = triple(self.eye, "eye"), triple(self.forward, "forward")
-            camera.up, camera.far_m = triple(self.up, "up"), number(self.far_m, "far_m")
-            camera.fov_y, camera.aspect = number(self.fov_y, "fov_y"), number(self.aspect, "aspect")
-
-
-@dataclass(frozen=True)
-class Held:
-    """What of an asset is here: pages and bytes, and what they cost to read."""
-
-    pages: int
-    pages_held: int
-    asset_bytes: int
-    held_bytes: int
-    memory_bytes: int
-    received_bytes: int
-    requests: int
-    rounds: int
 
 
 class HttpSource:
@@ -263,7 +209,7 @@ class RangeAsset(Asset):
         request, error, problems = ffi.new("struct umb_region_request *"), lib.new_error(), []
         c_views = ffi.new("struct umb_partial_view[]", max(len(views), 1))
         for view, out in zip(views, c_views):
-            view._fill(out)
+            view.fill(out)
         request.views, request.view_count = c_views, len(views)
         request.max_bytes = count(max_bytes, "max_bytes", 2**64 - 1)
 
