@@ -14,7 +14,7 @@ from . import _library as lib
 from ._arrays import DOUBLE, FLOAT, c_points, triple
 from ._library import check, core, ffi
 from ._settings import Dial, Settings, c_dial, c_settings, count
-from ._slices import run_slices
+from ._slices import SLICE, run_slices
 from .assets import NO_DIAL, Asset, Result, stats_of, whole_result
 from .info import read_info
 from .maps import Camera, Derived, derive
@@ -197,12 +197,19 @@ class FileAsset(Asset):
             self._leave()
 
 
+def _check_points(batch: Any) -> None:
+    """Raises ArgumentError that names the first bad point."""
+    if core.umb_points_check(batch, ffi.NULL) != lib.OK:
+        error = lib.new_error()
+        check(core.umb_points_check(batch, error), error)
+
+
 def _run(query: Any, batch: Any, values: Any, format: str, threads: int) -> Any:
     """Checks and answers a batch slice by slice. Returns a struct umb_query_stats."""
-    number, error = batch.count, lib.new_error()
+    number = batch.count
     data = ffi.from_buffer(values) if values.size else ffi.new("char[1]")
-    if number <= 65536:
-        check(core.umb_points_check(batch, error), error)
+    if number <= SLICE:
+        _check_points(batch)
         answers = ffi.new("struct umb_answers *")
         answers.values = data
         core.umb_query_run(query, batch, 0, number, answers)
@@ -216,9 +223,8 @@ def _run(query: Any, batch: Any, values: Any, format: str, threads: int) -> Any:
         part.positions, part.count, part.normals, part.footprints = positions + first * step, n, ffi.NULL, ffi.NULL
         if batch.footprints != ffi.NULL:
             part.footprints = ffi.cast("float *", batch.footprints) + first
-        own = lib.new_error()
-        if core.umb_points_check(part, own) != lib.OK:  # again, for the number of the point in the whole batch
-            check(core.umb_points_check(batch, own), own)
+        if core.umb_points_check(part, ffi.NULL) != lib.OK:
+            _check_points(batch)  # all of them, for the number of the bad one
         answers = ffi.new("struct umb_answers *")
         answers.values = data
         core.umb_query_run(query, batch, first, n, answers)
