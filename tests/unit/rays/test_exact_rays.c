@@ -136,7 +136,8 @@ static void hits_equal_those_of_long_double_over_all_triangles(void **state)
         assert_int_equal(umbr_exact_winding(exact, &ray, closed), winding);
     }
     print_message("%d rays judged, %d of them hit\n", judged, hits);
-    assert_true(judged > case_count(short_count(100000, 10000)) / 2 && hits > judged / 4 && hits < judged);
+    assert_true(judged > case_count(short_count(100000, 10000)) / 2 && hits > judged / 4 &&
+                hits < judged);
     umbr_exact_destroy(exact);
 }
 
