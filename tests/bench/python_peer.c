@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * python_peer ASSET POINTS THREADS BATCH: the C program that bench_python.py races. Answers the raw floats of the file
- * POINTS in batches of BATCH points on THREADS threads, once for each line of stdin, and prints the seconds.
+ * python_peer ASSET POINTS THREADS BATCH: the C program that bench_python.py races. Answers the raw
+ * floats of the file POINTS in batches of BATCH points on THREADS threads, once for each line of
+ * stdin, and prints the seconds.
  */
 #include <pthread.h>
 #include <stdio.h>
