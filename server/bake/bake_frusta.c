@@ -48,11 +48,8 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
                      : UMBB_PROVE_AUTO,
         .max_bytes = series->memory->shared_max_bytes,
         .plain = series->options->depth == UMBB_DEPTH_PLAIN};
-    if (series->options->depth == UMBB_DEPTH_EMBREE) {
-        return umbb_depth_embree_create(casters, &options, depth, error);
-    }
-    return casters->depth_scale > 0.0
-               ? umbb_depth_perspective_create(casters, &options, depth, error)
+    return series->options->depth == UMBB_DEPTH_EMBREE
+               ? umbb_depth_embree_create(casters, &options, depth, error)
                : umbb_depth_raster_create(casters, &options, depth, error);
 }
 

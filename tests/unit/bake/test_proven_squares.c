@@ -264,6 +264,50 @@ static void every_path_and_tile_size_proves_the_same(void **state)
     soup_finish(&soup);
 }
 
+/* Bakes a soup; returns the fingerprint of its octree. */
+static uint64_t print_of(const struct soup *soup, create_fn create,
+                         struct umbb_depth_options options)
+{
+    struct umb__octree octree;
+    bake(soup, create, options, &octree);
+    const uint64_t print = fingerprint(&octree);
+    umb__octree_finish(&octree);
+    return print;
+}
+
+/* Compares a lamp's octree with that of no proven square, by every path. */
+static void check_lamp(const struct soup *soup)
+{
+    const uint64_t drawn = print_of(
+        soup, umbb_depth_raster_create,
+        (struct umbb_depth_options){.tile_log2 = 9, .threads = 1, .prove = UMBB_PROVE_NEVER});
+    for (uint32_t tile_log2 = 6; tile_log2 <= 9; tile_log2++) {
+        const struct umbb_depth_options options = {.tile_log2 = tile_log2,
+                                                   .threads = 1 + tile_log2 % 2,
+                                                   .plain = tile_log2 == 7,
+                                                   .prove = UMBB_PROVE_ALWAYS};
+        assert_true(print_of(soup,
+                             tile_log2 == 8 ? umbb_depth_embree_create : umbb_depth_raster_create,
+                             options) == drawn);
+    }
+}
+
+static void proven_squares_of_lamps_change_no_voxel(void **state)
+{
+    (void)state;
+    size_t proven = 0;
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        struct soup soup;
+        soup_scene(&soup, seed);
+        soup_before_lamp(&soup, seed % 2 == 0 ? 30.0 : 700.0);
+        proven += proven_count(&soup, 9);
+        check_lamp(&soup);
+        soup_finish(&soup);
+    }
+    print_message("%zu of %d squares proven\n", proven, 12 * 64);
+    assert_true(proven > 20);
+}
+
 static void only_silhouettes_are_borders(void **state)
 {
     (void)state;
@@ -374,6 +418,8 @@ static void what_lies_beside_a_square_counts_whatever_the_tile(void **state)
         }
         prove_all(&soup, umbb_depth_embree_create, 6, other);
         assert_memory_equal(other, first, sizeof first);
+        soup_before_lamp(&soup, 100.0);
+        check_lamp(&soup);
         soup_finish(&soup);
     }
 }
@@ -385,6 +431,7 @@ int main(void)
         cmocka_unit_test(proven_squares_change_no_defined_voxel),
         cmocka_unit_test(a_sheet_called_closed_ends_in_shadow),
         cmocka_unit_test(every_path_and_tile_size_proves_the_same),
+        cmocka_unit_test(proven_squares_of_lamps_change_no_voxel),
         cmocka_unit_test(what_lies_beside_a_square_counts_whatever_the_tile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
