@@ -43,9 +43,15 @@ static void lamp_make(const struct bench_scene *scene, int closed_rule, struct l
                "faces");
 }
 
+/* Memory that the frusta of a light share. */
+struct memory {
+    struct umb__pool pool;
+    struct umbb_tile tiles[2];
+};
+
 /* Bakes casters into a pool. */
 static void casters_bake(const struct umbb_casters *casters, uint32_t log2_size,
-                         struct umb__pool *pool, uint32_t *root)
+                         struct memory *memory, uint32_t *root)
 {
     const struct umbb_depth_options depth_options = {.tile_log2 = TILE_LOG2, .threads = 1};
     const struct umbb_bake_options options = {
@@ -54,16 +60,17 @@ static void casters_bake(const struct umbb_casters *casters, uint32_t log2_size,
         .threads = 1,
         .closed_rule = casters->closed_rule,
         .octree_max_bytes = SIZE_MAX,
+        .tiles = memory->tiles,
     };
     struct umbb_depth depth;
     struct umb_error error;
     bench_must(umbb_depth_raster_create(casters, &depth_options, &depth, &error), &error, "depth");
-    bench_must(umbb_bake_into(&depth, &options, pool, root, NULL, &error), &error, "bake");
+    bench_must(umbb_bake_into(&depth, &options, &memory->pool, root, NULL, &error), &error, "bake");
     depth.destroy(depth.state);
 }
 
 static void face_bake(const struct bench_scene *scene, const struct umbb_casters *world,
-                      const struct umb_frustum_info *face, struct umb__pool *pool, uint32_t *root)
+                      const struct umb_frustum_info *face, struct memory *memory, uint32_t *root)
 {
     struct umbb_projected projected;
     struct umb_error error;
@@ -80,7 +87,7 @@ static void face_bake(const struct bench_scene *scene, const struct umbb_casters
     casters.count = projected.count;
     casters.depth_scale = projected.depth_scale;
     casters.depth_offset = projected.depth_offset;
-    casters_bake(&casters, face->log2_size, pool, root);
+    casters_bake(&casters, face->log2_size, memory, root);
     umbb_projected_finish(&projected);
 }
 
@@ -89,25 +96,27 @@ static double bake_seconds(const struct bench_scene *scene, int closed_rule,
                            const struct lamp *lamp)
 {
     struct umbb_casters casters = bench_casters(scene, closed_rule);
-    struct umb__pool pool;
+    struct memory memory = {0};
     struct umb__octree octree;
     struct umb_error error;
     uint32_t roots[6] = {UMB__REF_LIT}, levels[6];
     const uint32_t count = lamp == NULL ? 1 : lamp->count;
     const double start = bench_cpu_s();
-    umb__pool_init(&pool, &umb__page_alloc, SIZE_MAX);
+    umb__pool_init(&memory.pool, &umb__page_alloc, SIZE_MAX);
     for (uint32_t i = 0; i < count; i++) {
         levels[i] = scene->frustum.log2_size;
         if (lamp == NULL) {
-            casters_bake(&casters, levels[i], &pool, &roots[i]);
+            casters_bake(&casters, levels[i], &memory, &roots[i]);
         } else {
             casters.corners = (const double(*)[3][3])scene->study.corners;
-            face_bake(scene, &casters, &lamp->frusta[i], &pool, &roots[i]);
+            face_bake(scene, &casters, &lamp->frusta[i], &memory, &roots[i]);
         }
     }
     memset(&octree, 0, sizeof octree);
-    bench_must(umb__pool_take(&pool, roots, levels, count, &octree, &error), &error, "octree");
-    umb__pool_finish(&pool);
+    umbb_tile_finish(&memory.tiles[0]);
+    umbb_tile_finish(&memory.tiles[1]);
+    bench_must(umb__pool_take(&memory.pool, roots, levels, count, &octree, &error), &error, "octree");
+    umb__pool_finish(&memory.pool);
     const double seconds = bench_cpu_s() - start;
     umb__octree_finish(&octree);
     return seconds;
