@@ -92,9 +92,12 @@ static void square_touch(struct squares *s, const struct face *face, size_t squa
         return;
     }
     s->far_least[square] = least(s->far_least[square], lit);
-    if (face->kind != UMBB_CASTER_OPEN) {
+    if (umbb_rays_meet(&s->rays) && face->kind != UMBB_CASTER_OPEN) {
         struct umbb_proof *proof = &s->proofs[square];
+        const int32_t far_x = x[0] + x[1] - at_x, far_y = y[0] + y[1] - at_y;
+        const int32_t far = umbb_rays_lit(&s->rays, c, umbb_coverage_row_z(c, far_y), far_x);
         proof->back_least = least(proof->back_least, lit);
+        proof->back_most = most(proof->back_most, far);
     }
 }
 
@@ -273,12 +276,20 @@ static void add_caster(struct squares *s, uint32_t caster)
     }
 }
 
-/* Returns whether greatest lit and least end lie in the same multiples of 64 as their bounds, by
- * the corner texels. */
+/*
+ * Returns whether greatest lit and least end lie in the same multiples of 64 as their bounds, by the
+ * corner texels.
+ *
+ * A back face beyond the last voxel ends nothing: its texels have end = lit. The frustum of a lamp
+ * is fitted without its outermost texels, so such faces occur there.
+ */
 static int is_exact(const struct umbb_proof *proof, int32_t background, int32_t lit_bound,
                     int32_t end_bound)
 {
     int32_t lit_most = 0, end_least = background;
+    if (proof->back_most >= background) {
+        return 0;
+    }
     for (size_t corner = 0; corner < 4; corner++) {
         int32_t lit, end;
         umbb_texel_decide(proof->corners[corner], background, &lit, &end);
@@ -328,6 +339,7 @@ struct proof {
 static void proof_clear(struct umbb_proof *proof, int32_t background)
 {
     proof->cover = proof->back_least = background;
+    proof->back_most = 0;
     for (size_t i = 0; i < 4 * (size_t)UMBB_LAYER_COUNT; i++) {
         proof->corners[i / UMBB_LAYER_COUNT][i % UMBB_LAYER_COUNT] = background;
     }

@@ -65,6 +65,7 @@ enum umbb_layer {
 struct umbb_proof {
     int32_t cover;      /* least bound of lit by a front face that covers the whole square */
     int32_t back_least; /* least lit of back faces */
+    int32_t back_most;  /* greatest lit of back faces, or more */
     int32_t corners[4][UMBB_LAYER_COUNT]; /* nearest fragments of the four corner texels */
 };
 

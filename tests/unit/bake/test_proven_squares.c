@@ -308,6 +308,45 @@ static void proven_squares_of_lamps_change_no_voxel(void **state)
     assert_true(proven > 20);
 }
 
+/* A box with a tip below its bottom, a little beyond the last voxel. */
+static void soup_tipped_box(struct soup *soup)
+{
+    static const double flat[4][2] = {{20, 20}, {20, 492}, {492, 492}, {492, 20}};
+    double top[4][3], bottom[4][3], tip[3];
+    for (int i = 0; i < 4; i++) {
+        for (int axis = 0; axis < 2; axis++) {
+            top[i][axis] = bottom[i][axis] = flat[i][axis];
+            tip[axis] = 150.0 + 200.0 * soup_unit(soup);
+        }
+        top[i][2] = 100.0;
+        bottom[i][2] = 480.0;
+    }
+    tip[2] = soup->size + 5.0 * soup_unit(soup);
+    soup_add_closed(soup, top[0], top[1], top[2], 0);
+    soup_add_closed(soup, top[0], top[2], top[3], 0);
+    for (int i = 0; i < 4; i++) {
+        const int next = (i + 1) % 4;
+        soup_add_closed(soup, top[next], top[i], bottom[i], 0);
+        soup_add_closed(soup, top[next], bottom[i], bottom[next], 0);
+        soup_add_closed(soup, bottom[next], bottom[i], tip, 0);
+    }
+}
+
+/* Texels at the tip have no back face within the map, so their end is their lit. */
+static void a_back_beyond_the_last_voxel_ends_nothing(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        struct soup soup;
+        soup_init(&soup, 512, seed);
+        soup_tipped_box(&soup);
+        soup_before_lamp(&soup, 200.0);
+        assert_true(proven_count(&soup, 9) > 16);
+        check_lamp(&soup);
+        soup_finish(&soup);
+    }
+}
+
 static void only_silhouettes_are_borders(void **state)
 {
     (void)state;
@@ -432,6 +471,7 @@ int main(void)
         cmocka_unit_test(a_sheet_called_closed_ends_in_shadow),
         cmocka_unit_test(every_path_and_tile_size_proves_the_same),
         cmocka_unit_test(proven_squares_of_lamps_change_no_voxel),
+        cmocka_unit_test(a_back_beyond_the_last_voxel_ends_nothing),
         cmocka_unit_test(what_lies_beside_a_square_counts_whatever_the_tile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
