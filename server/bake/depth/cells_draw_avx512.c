@@ -133,6 +133,37 @@ static inline __m256i reciprocal_lit(const struct umbb_rays *rays, __m512d q)
     return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
 }
 
+/* Two rows of texels. */
+static inline __m512i two_rows(__m256i low, __m256i high)
+{
+    return _mm512_inserti64x4(_mm512_castsi256_si512(low), high, 1);
+}
+
+/*
+ * Converts q to lit. Often all texels of each column have one lit: on walls along the columns, and
+ * wherever a voxel is deeper than the surface's slope in a cell. Two divisions show it, because lit
+ * never grows with q.
+ */
+static inline void reciprocals_lit(const struct umbb_rays *rays, const struct reciprocals *q,
+                                   struct texels *texels)
+{
+    __m512d most = q->rows[0], least = q->rows[0];
+    for (size_t i = 1; i < 8; i++) {
+        most = _mm512_max_pd(most, q->rows[i]);
+        least = _mm512_min_pd(least, q->rows[i]);
+    }
+    const __m256i first = reciprocal_lit(rays, most), last = reciprocal_lit(rays, least);
+    if (_mm256_cmpeq_epi32_mask(first, last) == 0xff) {
+        *texels = (struct texels){{two_rows(first, first), two_rows(first, first),
+                                   two_rows(first, first), two_rows(first, first)}};
+        return;
+    }
+    for (size_t i = 0; i < 4; i++) {
+        texels->rows[i] = two_rows(reciprocal_lit(rays, q->rows[2 * i]),
+                                   reciprocal_lit(rays, q->rows[2 * i + 1]));
+    }
+}
+
 /* cell_draw for rays that meet in one point. */
 static inline void cell_draw_meeting(const struct umbb_cells *cells,
                                      const struct umbb_cell_layer *layer, size_t cell,
@@ -140,10 +171,8 @@ static inline void cell_draw_meeting(const struct umbb_cells *cells,
 {
     const struct umbb_parts *parts = &cells->parts;
     const int32_t far = layer->far[cell];
-    struct reciprocals most;
-    for (size_t i = 0; i < 8; i++) {
-        most.rows[i] = _mm512_setzero_pd();
-    }
+    const __m512d none = _mm512_setzero_pd();
+    struct reciprocals most = {{none, none, none, none, none, none, none, none}};
     for (size_t at = layer->first[cell]; at != 0;) {
         const uint32_t link = parts->link[at];
         if (parts->nearest[at] <= far) {
@@ -151,11 +180,7 @@ static inline void cell_draw_meeting(const struct umbb_cells *cells,
         }
         at = link & 0xffffU;
     }
-    for (size_t i = 0; i < 4; i++) {
-        const __m256i low = reciprocal_lit(&cells->rays, most.rows[2 * i]);
-        const __m256i high = reciprocal_lit(&cells->rays, most.rows[2 * i + 1]);
-        texels->rows[i] = _mm512_inserti64x4(_mm512_castsi256_si512(low), high, 1);
-    }
+    reciprocals_lit(&cells->rays, &most, texels);
 }
 
 /* Draws the parts of a layer's cell as lit: the background where there is none. */
