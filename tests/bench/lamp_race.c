@@ -115,7 +115,8 @@ static double bake_seconds(const struct bench_scene *scene, int closed_rule,
     memset(&octree, 0, sizeof octree);
     umbb_tile_finish(&memory.tiles[0]);
     umbb_tile_finish(&memory.tiles[1]);
-    bench_must(umb__pool_take(&memory.pool, roots, levels, count, &octree, &error), &error, "octree");
+    bench_must(umb__pool_take(&memory.pool, roots, levels, count, &octree, &error), &error,
+               "octree");
     umb__pool_finish(&memory.pool);
     const double seconds = bench_cpu_s() - start;
     umb__octree_finish(&octree);

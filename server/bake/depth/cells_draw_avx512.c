@@ -4,9 +4,9 @@
  * parts of the cell lower these registers, one part after the other. The operations are those of
  * the predicate in the same order, never fused, so the bits are the same.
  *
- * Parallel light: a register holds ceil(2 z) for each depth z. Then lit is half of ceil(2 z), rounded down, because
- * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and
- * clamp may come before the halving, which is done once a cell.
+ * Parallel light: a register holds ceil(2 z) for each depth z. Then lit is half of ceil(2 z),
+ * rounded down, because ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of
+ * numbers. So minimum and clamp may come before the halving, which is done once a cell.
  *
  * Rays from one point: a register holds one row's greatest q (depth_perspective.h). lit never grows
  * with q, so the greatest q gives the least lit, and one division a texel is enough for all parts.
@@ -124,7 +124,7 @@ static inline void part_draw_meeting(const struct umbb_plane *k, uint64_t bits,
     }
 }
 
-/* Returns lit of a row, as umbb_reciprocal_lit. q = 0 gives an infinite z, and so the background. */
+/* Returns lit of a row, as umbb_reciprocal_lit. q = 0 gives an infinite z, so the background. */
 static inline __m256i reciprocal_lit(const struct umbb_rays *rays, __m512d q)
 {
     __m512d z =

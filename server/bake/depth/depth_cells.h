@@ -57,7 +57,7 @@ struct umbb_cells {
     int32_t x0, y0, n;  /* square of the map, as in a canvas */
     int32_t background; /* voxels a side of the map */
     struct umbb_rays rays;
-    int layer_count;    /* 1: only UMBB_LAYER_OPEN; or UMBB_LAYER_COUNT */
+    int layer_count; /* 1: only UMBB_LAYER_OPEN; or UMBB_LAYER_COUNT */
     uint32_t plane_count, part_count;
 };
 
@@ -72,8 +72,8 @@ struct umbb_sides {
 };
 
 /* Returns 1 if every depth computed for the cells of a triangle, doubled, fits an int32_t without a
- * clamp. Under parallel light a grazing triangle may not fit, because its slope has no limit; such a
- * triangle must be drawn by umbb_draw_plain. */
+ * clamp. Under parallel light a grazing triangle may not fit, because its slope has no limit; such
+ * a triangle must be drawn by umbb_draw_plain. */
 int umbb_cells_can_note(const struct umbb_rays *rays, const struct umbb_coverage *coverage);
 
 /* The steps, with the same bits as umbb_draw_plain and umbb_store_plain. */

@@ -53,8 +53,8 @@ struct plane {
     int meet; /* umbb_rays_meet(rays) */
     __m256d gradient, anchor_x;
     __m256i lit_min, lit_max; /* of parallel light */
-    double near_x; /* x from a cell's first texel to the centre of its nearest column */
-    size_t near_y; /* nearest row of a band */
+    double near_x;            /* x from a cell's first texel to the centre of its nearest column */
+    size_t near_y;            /* nearest row of a band */
 };
 
 static inline void edges_init(struct edges *e, const struct umbb_coverage *c,

@@ -178,7 +178,8 @@ static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_
         }
         if (later != NULL && later->count < FAR_MAX && !is_near_side(coverage, batch->kind)) {
             later->triangles[later->count++] = batch->triangles[i];
-        } else if (drawing->cells != NULL && !umbb_cells_can_note(&drawing->canvas.rays, coverage)) {
+        } else if (drawing->cells != NULL &&
+                   !umbb_cells_can_note(&drawing->canvas.rays, coverage)) {
             umbb_draw_plain(coverage, 1, choose_canvas(drawing, batch->kind));
         } else {
             batch->coverages[drawn++] = *coverage;
@@ -246,11 +247,10 @@ static void draw_square(struct drawing *drawing, int32_t n, int32_t x, int32_t y
     struct far_sides later;
     later.count = 0;
     drawing->layer = (size_t)n * (size_t)n;
-    drawing->canvas =
-        (struct umbb_canvas){.x0 = drawing->tile->x0 + x,
-                             .y0 = drawing->tile->y0 + y,
-                             .n = n,
-                             .rays = umbb_rays_of(&raster->casters)};
+    drawing->canvas = (struct umbb_canvas){.x0 = drawing->tile->x0 + x,
+                                           .y0 = drawing->tile->y0 + y,
+                                           .n = n,
+                                           .rays = umbb_rays_of(&raster->casters)};
     drawing->has_layers = drawing->often_hidden = 0;
     if (drawing->cells != NULL) {
         drawing->cells->background = raster->casters.size;

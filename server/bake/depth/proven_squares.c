@@ -121,8 +121,8 @@ static void corners_touch(struct squares *s, const struct face *face, int32_t y,
             x += SQUARE - 2 - in_square;
             continue;
         }
-        int32_t *nearest = row[(x - tile->x0) >> UMBB_SQUARE_LOG2]
-                               .corners[2 * lower + (in_square != 0)];
+        int32_t *nearest =
+            row[(x - tile->x0) >> UMBB_SQUARE_LOG2].corners[2 * lower + (in_square != 0)];
         if (cut == UMBS_CUT_NONE || umbb_cut_casts(cuts, cut, x, y)) {
             nearest[layer] =
                 least(nearest[layer], umbb_rays_lit(&s->rays, face->coverage, row_z, x));
@@ -277,8 +277,8 @@ static void add_caster(struct squares *s, uint32_t caster)
 }
 
 /*
- * Returns whether greatest lit and least end lie in the same multiples of 64 as their bounds, by the
- * corner texels.
+ * Returns whether greatest lit and least end lie in the same multiples of 64 as their bounds, by
+ * the corner texels.
  *
  * A back face beyond the last voxel ends nothing: its texels have end = lit. The frustum of a lamp
  * is fitted without its outermost texels, so such faces occur there.
@@ -313,15 +313,14 @@ static void decide(struct squares *s, size_t square)
         /* Bound of every lit: that of a front face over the whole square, or of all front faces. */
         const int whole = flags == (TOUCHED | MIDDLE);
         const struct umbb_proof *proof = &s->proofs[square];
-        s->front_most[square] =
-            whole ? least(s->front_most[square], proof->cover) : proof->cover;
+        s->front_most[square] = whole ? least(s->front_most[square], proof->cover) : proof->cover;
         /* Proven if a multiple of 64 lies between this bound and the nearest other face. */
         const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
         proven = s->far_least[square] < background && cut <= s->far_least[square];
         if (umbb_rays_meet(&s->rays)) {
             s->far_least[square] = proof->back_least; /* open faces end nothing */
-            proven = proven && is_exact(proof, background, s->front_most[square],
-                                        s->far_least[square]);
+            proven =
+                proven && is_exact(proof, background, s->front_most[square], s->far_least[square]);
         }
     }
     s->tile->proven[square] = (uint8_t)proven;

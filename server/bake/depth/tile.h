@@ -81,7 +81,7 @@ struct umbb_tile {
      * levels below UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
     uint8_t *proven;
     struct umbb_proof *proofs; /* [(size >> UMBB_SQUARE_LOG2)^2] of umbb_prove_squares */
-    int32_t background; /* voxels a side of the frustum; set by begin */
+    int32_t background;        /* voxels a side of the frustum; set by begin */
     int32_t *memory;
 };
 
