@@ -114,6 +114,20 @@ static const char *row_truth(size_t i)
                                               : DAG_TRUTHS[i - umbt_technique_row_count]];
 }
 
+/* Prints the seams of all rows with cascades. */
+static void seams_text(FILE *to, const struct techniques *t)
+{
+    fprintf(to, "\n%-22s %9s %9s %9s %11s %9s\n", "seams", "at m", "points", "C", "jump, C = 1",
+            "jump");
+    for (size_t i = 0; i < t->row_count; i++) {
+        for (uint32_t k = 0; k < t->results[i].seam_count; k++) {
+            const struct umbt_seam *seam = &t->results[i].seams[k];
+            fprintf(to, "%-22s %9.3g %9zu %9.3f %11.4f %9.4f\n", umbt_technique_rows[i].name,
+                    seam->distance_m, seam->points, seam->contrast, seam->before, seam->after);
+        }
+    }
+}
+
 static void report_text(FILE *to, const void *state)
 {
     const struct techniques *t = state;
@@ -130,6 +144,24 @@ static void report_text(FILE *to, const void *state)
                 row_name(t, i, name, sizeof name), row_truth(i), r->mean, r->lighter, r->darker,
                 100.0 * r->over_half, r->info.bytes, r->build_s, r->time.ns);
     }
+    seams_text(to, t);
+}
+
+static void seams_json(struct umbu_json *json, const struct umbt_technique_result *result)
+{
+    if (result->seam_count == 0) {
+        return;
+    }
+    umbu_json_begin(json, "seams", '[');
+    for (uint32_t i = 0; i < result->seam_count; i++) {
+        const struct umbt_seam *seam = &result->seams[i];
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_integer(json, "points", seam->points);
+        UMBU_JSON_VALUES(json, 6, {"distance_m", seam->distance_m}, {"contrast", seam->contrast},
+                         {"jump_c1", seam->before}, {"jump", seam->after});
+        umbu_json_end(json, '}');
+    }
+    umbu_json_end(json, ']');
 }
 
 static void report_json(struct umbu_json *json, const void *state)
@@ -149,6 +181,7 @@ static void report_json(struct umbu_json *json, const void *state)
         UMBU_JSON_VALUES(json, 9, {"mean", r->mean}, {"lighter", r->lighter}, {"darker", r->darker},
                          {"over_half", r->over_half}, {"slack", r->info.slack});
         UMBU_JSON_VALUES(json, 6, {"build_s", r->build_s}, {"query_ns", r->time.ns});
+        seams_json(json, r);
         umbu_json_end(json, '}');
     }
 }

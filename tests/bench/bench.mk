@@ -92,6 +92,14 @@ bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
+# The paper's linked lists against arrays, links and streams.
+$(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+bench-deep-ways: $(BUILD)/bench_deep_ways ## ways through the lists of deep maps, by mean length
+	@$<
+.PHONY: bench-deep-ways
+
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
