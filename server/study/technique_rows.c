@@ -3,10 +3,11 @@
 #include "study/techniques.h"
 
 /* The parameter of each family grows down the table. */
-#define MAP(kind)    .settings.technique = UMB_MAP_##kind
-#define WARPS        .settings.exponent = 42, .settings.negative_exponent = 5.4, .settings.linear = 1
+#define MAP(kind) .settings.technique = UMB_MAP_##kind
+#define WARPS     .settings.exponent = 42, .settings.negative_exponent = 5.4, .settings.linear = 1
 /* PCSS: the penumbra by a search of the map's depths, the filter by its channels. */
-#define SOFT(way)    .settings.access = UMB_MAP_##way, .settings.keep_depth = 1, .filter.light_size = 1.0
+#define SOFT(way)                                                                                  \
+    .settings.access = UMB_MAP_##way, .settings.keep_depth = 1, .filter.light_size = 1.0
 #define SLICES(many) .cascades = (many), .fit = UMB_CASCADE_SCENE
 
 const struct umbt_technique_row umbt_technique_rows[] = {

@@ -30,8 +30,8 @@ static void points_take(const struct umbt_technique_view *view, const struct umb
                         uint32_t split, struct seam_points *points)
 {
     const double at_m = plan->splits[split];
-    const double band_m = BAND_SHARE * fmin(at_m - plan->splits[split - 1],
-                                            plan->splits[split + 1] - at_m);
+    const double band_m =
+        BAND_SHARE * fmin(at_m - plan->splits[split - 1], plan->splits[split + 1] - at_m);
     const size_t half = view->buffer.receiver_count / 2 + 1;
     size_t found = 0;
     points->count[0] = points->count[1] = 0;
@@ -97,7 +97,8 @@ enum umb_status umbt_seams_run(const struct umbt_technique_view *view,
                                const struct umb_map_filter *filter, int match,
                                struct umbt_seam seams[UMB_CASCADES_MAX], struct umb_error *error)
 {
-    const size_t count = view->buffer.receiver_count + 2, half = view->buffer.receiver_count / 2 + 1;
+    const size_t count = view->buffer.receiver_count + 2,
+                 half = view->buffer.receiver_count / 2 + 1;
     struct seam_points points = {.positions = calloc(count, sizeof *points.positions),
                                  .normals = calloc(count, sizeof *points.normals),
                                  .answers = calloc(count, sizeof *points.answers)};
