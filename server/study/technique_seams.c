@@ -8,7 +8,7 @@
 #include "maps/map_receiver.h"
 
 #define BAND_SHARE 0.05 /* of a slice's length: points this near to a split are on its seam */
-#define POINTS_MIN 64U  /* a seam of fewer points is not matched */
+#define POINTS_MIN 16U  /* a seam of fewer points is not matched */
 
 /* Points of one seam: those at even places find the contrast, those at odd places judge it. */
 struct seam_points {

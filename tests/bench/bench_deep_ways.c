@@ -28,9 +28,9 @@
 #define NONE   UINT32_MAX
 
 enum way {
-    HEADS, /* linked lists, each from its head */
+    HEADS,      /* linked lists, each from its head */
     NEIGHBOURS, /* linked lists, by links to the right and upper list */
-    ARRAYS, /* arrays, each from its head */
+    ARRAYS,     /* arrays, each from its head */
     SEARCHED,
     LINKED,
     STREAMED,
@@ -81,7 +81,7 @@ static double strand_depth(int hair, uint32_t k, uint32_t count, double x, doubl
     return sheet + wave + (hair ? 0.1 * (unit(seed) - 0.5) : 0.0);
 }
 
-static void lists_fill(struct lists *l, int hair, uint32_t mean)
+static void lists_fill(struct lists *l, int hair, uint32_t mean, float alpha)
 {
     uint64_t seed = 2013 + mean;
     uint64_t used = 0;
@@ -97,14 +97,14 @@ static void lists_fill(struct lists *l, int hair, uint32_t mean)
         const uint32_t count = (uint32_t)(share * mean + (hair ? unit(&seed) : 0.0));
         l->first[i] = used;
         for (uint32_t k = 0; k < count; k++) {
-            l->fragments[used++] = (struct umb_map_fragment){
-                (float)strand_depth(hair, k, count, x, y, &seed), 0.05F};
+            l->fragments[used++] =
+                (struct umb_map_fragment){(float)strand_depth(hair, k, count, x, y, &seed), alpha};
         }
     }
     l->first[TEXELS] = used;
 }
 
-static void maps_build(struct lists *l)
+static void maps_build(struct lists *l, double epsilon)
 {
     const struct umb_map_fragments in = {l->first, l->fragments};
     struct umb_map_frustum frustum = {
@@ -115,6 +115,7 @@ static void maps_build(struct lists *l)
     }
     for (int way = SEARCHED; way < WAYS; way++) {
         const struct umb_map_deep_settings settings = {
+            .epsilon = epsilon,
             .way = (enum umb_map_deep_way)(UMB_MAP_DEEP_SEARCH + way - SEARCHED)};
         const struct umb_map_filter filter = {.width = TAPS};
         bench_must(umb_map_build_deep(&frustum, &in, &settings, NULL, &l->maps[way], &error),
@@ -155,7 +156,8 @@ static void nodes_link(struct lists *l)
                 (const struct umb__deep_linked *)(const void *)linked->nodes + n;
             const size_t right = i % SIDE + 1 < SIDE ? i + 1 : i;
             const size_t upper = i / SIDE + 1 < SIDE ? i + SIDE : i;
-            const uint64_t r = deep->first[right] + node->right, u = deep->first[upper] + node->upper;
+            const uint64_t r = deep->first[right] + node->right,
+                           u = deep->first[upper] + node->upper;
             l->nodes[places[n]] = (struct fragment_node){
                 node->node.depth,
                 node->node.left,
@@ -336,20 +338,21 @@ static void rows_report(const char *name, const struct bench_samples *times)
     for (size_t f = 0; f < sizeof figures / sizeof figures[0]; f++) {
         struct bench_samples ratios = {0};
         for (int run = 0; run < times[0].count; run++) {
-            bench_add(&ratios, times[figures[f].over].values[run] /
-                                   times[figures[f].under].values[run]);
+            bench_add(&ratios,
+                      times[figures[f].over].values[run] / times[figures[f].under].values[run]);
         }
         bench_row(BENCH, name, figures[f].figure, "higher", &ratios);
     }
 }
 
-static void race(int hair, uint32_t mean)
+/* Times all ways on lists of one sort. */
+static void ways_time(const char *name, int hair, uint32_t mean, float alpha, double epsilon,
+                      struct bench_samples *times)
 {
     struct lists l = {0};
-    struct bench_samples times[WAYS] = {0};
-    const char *name = bench_text("%s-%u", hair ? "hair" : "cards", mean);
-    lists_fill(&l, hair, mean);
-    maps_build(&l);
+    char line[256];
+    lists_fill(&l, hair, mean, alpha);
+    maps_build(&l, epsilon);
     nodes_link(&l);
     receivers_make(&l);
     for (int run = -1; run < BENCH_RUNS; run++) { /* the first fills the caches */
@@ -362,29 +365,52 @@ static void race(int hair, uint32_t mean)
             }
         }
     }
-    char line[256];
     int at = snprintf(line, sizeof line, "%s: mean %.1f; ns a point:", name,
-                      (double)l.first[TEXELS] / (double)TEXELS);
+                      (double)l.maps[SEARCHED]->deep->first[TEXELS] / (double)TEXELS);
     for (int way = 0; way < WAYS; way++) {
         at += snprintf(line + at, sizeof line - (size_t)at, " %s %.0f", way_names[way],
                        1e9 * bench_median(&times[way]));
     }
     bench_say("%s", line);
-    rows_report(name, times);
     lists_free(&l);
+}
+
+static void race(int hair, uint32_t mean)
+{
+    struct bench_samples times[WAYS] = {0};
+    const char *name = bench_text("%s-%u", hair ? "hair" : "cards", mean);
+    ways_time(name, hair, mean, 0.05F, 0.0, times);
+    rows_report(name, times);
+}
+
+/* Lists of 40 that end where less than 0.001 is left, against whole ones. */
+static void truncation_race(float alpha)
+{
+    struct bench_samples whole[WAYS] = {0}, cut[WAYS] = {0};
+    const char *name = bench_text("alpha-%.2f", (double)alpha);
+    ways_time(bench_text("%s whole", name), 1, 40, alpha, 0.0, whole);
+    ways_time(bench_text("%s cut", name), 1, 40, alpha, 0.001, cut);
+    for (int way = 0; way < WAYS; way++) {
+        struct bench_samples ratios = {0};
+        for (int run = 0; run < whole[way].count; run++) {
+            bench_add(&ratios, whole[way].values[run] / cut[way].values[run]);
+        }
+        bench_row(BENCH, name, bench_text("%s_cut_vs_whole", way_names[way]), "higher", &ratios);
+    }
 }
 
 static void usage_print(FILE *to)
 {
-    fputs("usage: bench_deep_ways [--lists cards|hair]\n"
-          "  --lists  these lists alone\n",
+    fputs("usage: bench_deep_ways [--lists cards|hair|cut]\n"
+          "  --lists  these lists alone: smooth sheets, hair, or hair of 40 nodes cut at epsilon\n",
           to);
 }
 
 int main(int argc, char **argv)
 {
     static const char *const options[] = {"--lists", NULL};
-    static const char *const kinds[] = {"cards", "hair", NULL};
+    static const char *const kinds[] = {"cards", "hair", "cut", NULL};
+    static const float alphas[] = {0.1F, 0.2F, 0.35F, 0.5F};
     static const uint32_t means[] = {3, 4, 6, 8, 12, 16, 20, 24, 28, 32, 36, 40};
     bench_arguments(argc, argv, options, usage_print);
     const char *only = bench_choice(argc, argv, "--lists", kinds, NULL);
@@ -394,6 +420,11 @@ int main(int argc, char **argv)
             if (only == NULL || strcmp(only, kinds[hair]) == 0) {
                 race(hair, means[i]);
             }
+        }
+    }
+    for (size_t i = 0; i < sizeof alphas / sizeof alphas[0]; i++) {
+        if (only == NULL || strcmp(only, kinds[2]) == 0) {
+            truncation_race(alphas[i]);
         }
     }
     return 0;
