@@ -98,6 +98,14 @@ bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
+# Orders of leaves under a window, on the octree of 2014.
+$(BUILD)/bench_orders: $(BUILD)/tests/bench/bench_orders.o $(BENCH_SHARED) $(BENCH_STUDY) $(BENCH_ORACLE) $(GEN_OBJ) $(BENCH_LIBS)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+bench-orders: $(BUILD)/bench_orders ## orders of the leaves under a window, on the octree of 2014
+	@$<
+.PHONY: bench-orders
+
 # The paper's linked lists against arrays, links and streams.
 $(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
