@@ -337,13 +337,15 @@ static inline struct umb__deep_list list_at(const struct umb__deep *deep, size_t
                                    (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Returns the transmittance at a position, in units of 2^-30, a whole number. */
+/* Returns the transmittance at a position, in units of 2^-30: the light left behind the last node
+ * nearer than the receiver, a whole number. */
 static inline uint32_t place_left(const struct place *place)
 {
     return place->nearer > 0 ? umb__deep_at(&place->list, place->nearer - 1)->left : UMB__DEEP_ONE;
 }
 
-/* Returns the same where an exponent fades the last step in. */
+/* Returns the same with an exponent: the light falls to that value exponentially with the depth
+ * behind the node. */
 static double place_faded(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double left = (double)place_left(place);
