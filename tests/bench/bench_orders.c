@@ -3,7 +3,7 @@
  * bench-orders: the order in which a window's leaves are visited (Sintorn et al. 2014, section
  * 6.2 and figure 7), against the product's blocks of 64 points.
  *
- * The octree is that of 2014, of 4096 voxels a side: 2-bit children, 8 x 8 leaf masks. A window of 9 x 9
+ * The octree is that of 2014, of 4096 voxels a side: 2-bit children, 8 x 8 masks. A window of 9 x 9
  * touches up to 4 leaves, one of 17 x 17 up to 9. Each point walks alone, as a GPU's thread does:
  * from the root for each leaf; or in a fixed order, back to the lowest common ancestor; or in the
  * order that climbs least. All give the same counts, which are those of the product's open asset.
@@ -129,8 +129,8 @@ static void climbs(const struct window *w, int axis, uint32_t levels[LEAVES_MAX 
     }
 }
 
-/* Counts a window's lit voxels. The fixed order goes along rows, there and back. The best goes along
- * the axis whose borders are lower in the tree: those are crossed once a row, the others once. */
+/* Counts a window's lit voxels. The fixed order goes along rows, there and back. The best
+ * goes along the axis whose borders are lower in the tree: they are crossed once a row, the others once. */
 static uint32_t window_count(struct walk *walk, const struct window *w, enum way way)
 {
     uint32_t levels[2][LEAVES_MAX - 1] = {{0}};

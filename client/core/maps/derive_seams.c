@@ -7,7 +7,7 @@
 #include "maps/derive_parts.h"
 
 #define SEAM_SIDE 64 /* Rows of points over the view at a split, and points in each */
-_Static_assert(SEAM_SIDE * SEAM_SIDE == UMB__SEAM_POINTS, "a seam is a square of points");
+_Static_assert(SEAM_SIDE *SEAM_SIDE == UMB__SEAM_POINTS, "a seam is a square of points");
 
 /* Points of a seam, and room for the two maps' answers. */
 struct seam_room {

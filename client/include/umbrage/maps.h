@@ -156,7 +156,7 @@ enum umb_map_kernel {
     UMB_MAP_BOX = 0,  /* n x n texels around the point's texel */
     UMB_MAP_POISSON,  /* PCF: `samples` points of a disc of diameter `width` */
     UMB_MAP_BILINEAR, /* PCF: box of real width around the point itself; texels at its border count
-                         by the covered share. Width 1 is the 2 x 2 comparison of graphics hardware */
+                         by the covered share. Width 1 is the 2 x 2 comparison of GPUs */
 };
 
 struct umb_map_filter {
@@ -177,7 +177,7 @@ struct umb_map_filter {
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
     double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6.
-                         Above 1 answers fall, and are no upper bounds any more; below 1 they rise */
+                         Above 1 answers fall, and are no upper bounds any more */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -264,7 +264,7 @@ static void the_ktx_file_holds_what_was_derived(void **state)
     volume_fixture_close(&f);
 }
 
-/* Root mean square of the jump between cascades i - 1 and i, at points of the view at their split. */
+/* Root mean square of the jump between cascades i - 1 and i at points of the view at the split. */
 static double jump(const struct umb_derived *derived, uint32_t i, int matched, uint64_t seed)
 {
     double sum = 0.0;
