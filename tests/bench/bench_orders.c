@@ -129,9 +129,8 @@ static void climbs(const struct window *w, int axis, uint32_t levels[LEAVES_MAX 
     }
 }
 
-/* Counts a window's lit voxels. The fixed order goes along rows, there and back. The best goes along
- * the axis whose borders are lower in the tree: they are crossed once a row, the others only once.
- */
+/* Counts a window's lit voxels. The fixed order goes along rows, there and back. The best one goes
+ * along the axis whose borders are lower in the tree, since each row crosses them. */
 static uint32_t window_count(struct walk *walk, const struct window *w, enum way way)
 {
     uint32_t levels[2][LEAVES_MAX - 1] = {{0}};
