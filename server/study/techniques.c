@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/try.h"
 #include "maps/map_parts.h"
+#include "study/technique_seams.h"
 #include "tool/clock.h"
 #include "tool/threads.h"
 
@@ -15,8 +16,6 @@
 /* Distance of starts of rays from the surface, as a share of the scene's diagonal: above Embree's
  * rounding. */
 #define LIFT_SHARE   2e-6
-#define COLUMNS      5U   /* drawings in a row of a sheet */
-#define GAP          4U   /* pixels between them */
 #define SPLIT_WEIGHT 0.5  /* weight of logarithmic against uniform splits (Zhang et al. 2006) */
 #define BLOCK        512  /* points a thread traces at a time */
 #define SAME_SUN     1e-9 /* 1 - cosine of the largest angle between equal suns: 0.003 degrees */
@@ -28,14 +27,14 @@
 struct layer {
     const struct umbr_rays *rays;
     const struct umb_map_frustum *frustum;
-    float *depth;
+    uint32_t side; /* samples along each side of a texel */
+    float *depth;  /* [height][width][side * side] */
 };
 
-double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
-                      double direction[3])
+/* The ray of the light through a place of the map, as umbt_texel_ray. */
+static double place_ray(const struct umb_map_frustum *frustum, double x, double y, double start[3],
+                        double direction[3])
 {
-    const double x = (double)(texel % frustum->width) + 0.5;
-    const double y = (double)(texel / frustum->width) + 0.5;
     double end[3];
     if (umb_map_frustum_point(frustum, x, y, 0.0, start) != UMB_OK ||
         umb_map_frustum_point(frustum, x, y, 1.0, end) != UMB_OK) {
@@ -45,12 +44,24 @@ double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, doubl
     return umbt_normalize(direction);
 }
 
+double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
+                      double direction[3])
+{
+    return place_ray(frustum, (double)(texel % frustum->width) + 0.5,
+                     (double)(texel / frustum->width) + 0.5, start, direction);
+}
+
 static void layer_item(void *user, size_t i)
 {
     const struct layer *layer = user;
     double start[3], direction[3];
     struct umbr_hit hit = {.distance = -1.0};
-    const double length = umbt_texel_ray(layer->frustum, i, start, direction);
+    const size_t side = layer->side, texel = i / (side * side), sample = i % (side * side);
+    const double x =
+        (double)(texel % layer->frustum->width) + ((double)(sample % side) + 0.5) / (double)side;
+    const double y =
+        (double)(texel / layer->frustum->width) + ((double)(sample / side) + 0.5) / (double)side;
+    const double length = place_ray(layer->frustum, x, y, start, direction);
     layer->depth[i] = 1.0F;
     if (length > 0.0) {
         umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
@@ -61,12 +72,12 @@ static void layer_item(void *user, size_t i)
 }
 
 static enum umb_status layer_trace(const struct umbt_technique_view *view,
-                                   const struct umb_map_frustum *frustum, float *depth,
-                                   struct umb_error *error)
+                                   const struct umb_map_frustum *frustum, uint32_t side,
+                                   float *depth, struct umb_error *error)
 {
-    struct layer layer = {view->setup.scene->rays, frustum, depth};
-    return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height, 4096,
-                           layer_item, &layer, error);
+    struct layer layer = {view->setup.scene->rays, frustum, side, depth};
+    return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height * side * side,
+                           4096, layer_item, &layer, error);
 }
 
 /* Makes the truth of the view's filter on an affine frustum: rays over the filter's box. The map's
@@ -153,7 +164,7 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
     if (view->depth == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     }
-    UMB__TRY(layer_trace(view, &view->frustum, view->depth, error));
+    UMB__TRY(layer_trace(view, &view->frustum, 1, view->depth, error));
     UMB__TRY(umbt_gbuffer_view(&view->buffer, view->setup.scene, &view->setup.camera, view->size,
                                view->threads, error));
     const size_t receivers = view->buffer.receiver_count;
@@ -199,108 +210,6 @@ static void compare(const struct umbt_technique_view *view, const float *truth, 
     result->mean = result->lighter + result->darker;
     result->over_half = (double)over / count;
 }
-
-static struct umbt_rgb pixel_color(const struct umbt_technique_view *view, size_t pixel,
-                                   const float *values)
-{
-    const uint32_t slot = view->buffer.slots[pixel];
-    const int up = view->setup.z_up ? 2 : 1;
-    if (slot == UMBT_SKY) {
-        double direction[3];
-        umbt_camera_ray(&view->setup.camera,
-                        ((double)(pixel % view->size[0]) + 0.5) / view->size[0],
-                        ((double)(pixel / view->size[0]) + 0.5) / view->size[1], direction);
-        return umbt_sky(direction[up]);
-    }
-    double normal[3];
-    umbt_widen(view->buffer.normals[slot], normal);
-    const uint32_t key = umbt_scene_surface_key(view->setup.scene, view->buffer.triangles[slot]);
-    return umbt_shade(umbt_surface_color(key), (double)values[slot],
-                      umb__dot(normal, view->setup.to_light), normal[up]);
-}
-
-enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const char *path,
-                                 const struct umbt_technique_view *view, size_t tiles,
-                                 struct umb_error *error)
-{
-    const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
-    sheet->path = path;
-    return path != NULL ? umbt_picture_init(&sheet->picture, COLUMNS * (view->size[0] + GAP) - GAP,
-                                            rows * (view->size[1] + GAP) - GAP, error)
-                        : UMB_OK;
-}
-
-void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
-                     const float *values)
-{
-    const size_t width = view->size[0], height = view->size[1];
-    const size_t x0 = tile % COLUMNS * (width + GAP), y0 = tile / COLUMNS * (height + GAP);
-    for (size_t pixel = 0; sheet->path != NULL && pixel < width * height; pixel++) {
-        const struct umbt_rgb color = pixel_color(view, pixel, values);
-        const size_t x = x0 + pixel % width, y = y0 + pixel / width;
-        for (size_t c = 0; c < 3; c++) {
-            sheet->picture.pixels[3 * (y * sheet->picture.width + x) + c] =
-                umbt_srgb8(umbt_shoulder(color.c[c]));
-        }
-    }
-}
-
-enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet, struct umb_error *error)
-{
-    return sheet->path != NULL ? umbt_picture_write(&sheet->picture, sheet->path, error) : UMB_OK;
-}
-
-/* ---- rows ---- */
-
-/* The parameter of each family grows down the table. */
-#define MAP(kind) .settings.technique = UMB_MAP_##kind
-
-const struct umbt_technique_row umbt_technique_rows[] = {
-    {"map-f32", UMBT_POINT, MAP(PCF)},
-    {"pcf-u16", UMBT_BOX, MAP(PCF), .settings.format = UMB_MAP_U16},
-    {"pcf-u24", UMBT_BOX, MAP(PCF), .settings.format = UMB_MAP_U24},
-    {"pcf-f32", UMBT_BOX, MAP(PCF)},
-    {"pcf-poisson16", UMBT_BOX, MAP(PCF), .filter = {.kernel = UMB_MAP_POISSON, .samples = 16}},
-    {"pcf-poisson64", UMBT_BOX, MAP(PCF), .filter = {.kernel = UMB_MAP_POISSON, .samples = 64}},
-    {"pcss", UMBT_PENUMBRA, MAP(PCF), .filter.light_size = 1.0},
-    {"vsm-soft", UMBT_PENUMBRA, MAP(VSM), .settings.access = UMB_MAP_SAT,
-     .filter = {.light_size = 1.0}},
-    {"vsm-u16", UMBT_BOX, MAP(VSM), .settings.format = UMB_MAP_U16},
-    {"vsm", UMBT_BOX, MAP(VSM)},
-    {"vsm-plane", UMBT_BOX, MAP(VSM), .settings.depth_plane = 1},
-    {"vsm-mips", UMBT_BOX, MAP(VSM), .settings.access = UMB_MAP_MIPS},
-    {"vsm-sat", UMBT_BOX, MAP(VSM), .settings.access = UMB_MAP_SAT},
-    {"vsm-reduced", UMBT_BOX, MAP(VSM), .filter.reduction = 0.3},
-    {"lvsm-2", UMBT_BOX, MAP(LVSM), .settings.terms = 2},
-    {"lvsm-4", UMBT_BOX, MAP(LVSM), .settings.terms = 4},
-    {"lvsm-16", UMBT_BOX, MAP(LVSM), .settings.terms = 16},
-    {"convolution-4", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 4},
-    {"convolution-8", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 8},
-    {"convolution-16", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 16},
-    {"convolution-16-damped", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 16,
-     .settings.damping = 2.0},
-    {"esm-20", UMBT_BOX, MAP(ESM), .settings.exponent = 20},
-    {"esm-80", UMBT_BOX, MAP(ESM), .settings.exponent = 80},
-    {"esm-300", UMBT_BOX, MAP(ESM), .settings.exponent = 300},
-    {"evsm-f16", UMBT_BOX, MAP(EVSM), .settings.exponent = 5.4, .settings.negative_exponent = 5.4,
-     .settings.linear = 1, .settings.format = UMB_MAP_F16},
-    {"evsm-f32", UMBT_BOX, MAP(EVSM), .settings.exponent = 42, .settings.negative_exponent = 5.4,
-     .settings.linear = 1},
-    {"evsm-log", UMBT_BOX, MAP(EVSM), .settings.exponent = 100, .settings.negative_exponent = 100},
-    {"msm-u16", UMBT_BOX, MAP(MSM), .settings.format = UMB_MAP_U16},
-    {"msm-f32", UMBT_BOX, MAP(MSM)},
-    {"msm-sat", UMBT_BOX, MAP(MSM), .settings.access = UMB_MAP_SAT},
-    {"pssm-map-2", UMBT_POINT, MAP(PCF), .cascades = 2, .fit = UMB_CASCADE_SCENE},
-    {"pssm-map-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_SCENE},
-    {"pssm-map-8", UMBT_POINT, MAP(PCF), .cascades = 8, .fit = UMB_CASCADE_SCENE},
-    {"pssm-lispsm-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_LISPSM},
-    {"pssm-vsm-2", UMBT_BOX, MAP(VSM), .cascades = 2, .fit = UMB_CASCADE_SCENE},
-    {"pssm-vsm-4", UMBT_BOX, MAP(VSM), .cascades = 4, .fit = UMB_CASCADE_SCENE},
-    {"pssm-evsm-4", UMBT_BOX, MAP(EVSM), .settings.exponent = 42, .settings.negative_exponent = 5.4,
-     .settings.linear = 1, .cascades = 4, .fit = UMB_CASCADE_SCENE},
-};
-
-const size_t umbt_technique_row_count = sizeof umbt_technique_rows / sizeof umbt_technique_rows[0];
 
 /* ---- time of the answers ---- */
 
@@ -396,7 +305,7 @@ struct maps {
     struct umb_map_query queries[UMB_CASCADES_MAX];
     struct umbt_truth truths[UMB_CASCADES_MAX]; /* truths of each slice's box */
     struct umb_cascade_plan plan;
-    float *depth; /* depths of one slice at a time */
+    float *depth; /* depths of one slice at a time, or of several samples a texel */
 };
 
 /* The row's filter, completed with the view's values. */
@@ -428,7 +337,7 @@ static enum umb_status map_make(const struct umbt_technique_view *view,
 {
     struct umb_map_settings settings = row->settings;
     const struct umb_map_filter filter = filter_of(view, row);
-    const struct umb_map_layer layer = {.depth = depth};
+    const struct umb_map_layer layer = {.depth = depth, .samples = row->samples * row->samples};
     const uint64_t bytes = result->info.bytes;
     if (settings.technique != UMB_MAP_PCF && settings.access == UMB_MAP_BASE) {
         settings.blur = view->taps;
@@ -447,7 +356,7 @@ static enum umb_status plan_make(const struct umbt_technique_view *view,
                                  struct umb_cascade_plan *plan, struct umb_error *error)
 {
     struct umb_cascade_settings settings = {
-        .count = row->cascades, .weight = SPLIT_WEIGHT, .fit = row->fit};
+        .count = row->cascades, .weight = SPLIT_WEIGHT, .fit = row->fit, .blend = row->blend};
     struct umb_camera camera = umbt_camera_view(&view->setup.camera, INFINITY, 0.0);
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
         const double depth = umbt_camera_depth(&view->setup.camera, view->buffer.positions[i]);
@@ -461,6 +370,23 @@ static enum umb_status plan_make(const struct umbt_technique_view *view,
     }
     return umb_cascades_plan(&camera, view->setup.to_light, &view->setup.scene->box, &settings,
                              plan, error);
+}
+
+/* Judges the seams, and prepares the queries again with their contrasts. */
+static enum umb_status seams_run(const struct umbt_technique_view *view,
+                                 const struct umbt_technique_row *row, struct maps *maps,
+                                 struct umbt_technique_result *result, struct umb_error *error)
+{
+    struct umb_map_filter filter = filter_of(view, row);
+    filter.contrast = 1.0;
+    result->seam_count = row->cascades - 1;
+    UMB__TRY(
+        umbt_seams_run(view, &maps->plan, maps->maps, &filter, row->match, result->seams, error));
+    for (uint32_t i = 1; i < row->cascades && row->match; i++) {
+        filter.contrast = result->seams[i - 1].contrast;
+        UMB__TRY(umb_map_prepare(maps->maps[i], &filter, &maps->queries[i], error));
+    }
+    return UMB_OK;
 }
 
 /* Runs a row with a map for each slice. A point's truth is that of the box filter of its slice. */
@@ -477,10 +403,11 @@ static enum umb_status cascades_run(const struct umbt_technique_view *view,
     UMB__TRY(plan_make(view, row, &maps->plan, error));
     for (uint32_t i = 0; i < row->cascades; i++) {
         const struct umb_map_frustum *frustum = &maps->plan.frusta[i];
-        UMB__TRY(layer_trace(view, frustum, maps->depth, error));
+        UMB__TRY(layer_trace(view, frustum, 1, maps->depth, error));
         UMB__TRY(map_make(view, row, frustum, maps->depth, maps, i, result, error));
         box_truth(view, frustum, &maps->truths[i]);
     }
+    UMB__TRY(seams_run(view, row, maps, result, error));
     answer(view, (struct asking){.maps = maps->queries, .plan = &maps->plan, .values = values},
            result);
     if (row->truth == UMBT_BOX) {
@@ -496,7 +423,16 @@ static enum umb_status map_run(const struct umbt_technique_view *view,
                                float *values, struct umbt_technique_result *result,
                                struct umb_error *error)
 {
-    UMB__TRY(map_make(view, row, &view->frustum, view->depth, maps, 0, result, error));
+    const size_t texels = (size_t)view->resolution * view->resolution;
+    if (row->samples > 1) {
+        maps->depth = malloc(texels * row->samples * row->samples * sizeof *maps->depth);
+        if (maps->depth == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
+        }
+        UMB__TRY(layer_trace(view, &view->frustum, row->samples, maps->depth, error));
+    }
+    UMB__TRY(map_make(view, row, &view->frustum, row->samples > 1 ? maps->depth : view->depth, maps,
+                      0, result, error));
     answer(view, (struct asking){.maps = maps->queries, .values = values}, result);
     compare(view, view->truth[row->truth], values, result);
     return UMB_OK;

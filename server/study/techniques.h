@@ -26,7 +26,7 @@ enum umbt_technique_truth {
 struct umbt_technique_view {
     struct umbt_setup setup;
     uint32_t size[2];    /* pixels */
-    uint32_t resolution; /* texels a side */
+    uint32_t resolution; /* texels a side, of a map without cascades */
     uint32_t taps;       /* width of the filter, odd */
     double light_rad;    /* angular diameter */
     unsigned threads;
@@ -55,6 +55,16 @@ void umbt_technique_view_finish(struct umbt_technique_view *view);
 double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
                       double direction[3]);
 
+/* A seam between two cascades. */
+struct umbt_seam {
+    double distance_m; /* of the split along the view */
+    size_t points;     /* number of visible points on it */
+    double contrast;   /* C of the layer behind it */
+    /* Root mean square of the jump of the answers from layer to layer: with C = 1 everywhere, and
+     * with the layers' contrasts. */
+    double before, after;
+};
+
 /* Result of one technique. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
@@ -62,6 +72,8 @@ struct umbt_technique_result {
     struct umbt_time time;        /* CPU time of a point on one thread */
     double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
+    uint32_t seam_count;          /* 0: no cascades */
+    struct umbt_seam seams[UMB_CASCADES_MAX];
 };
 
 /* A picture with many drawings of one view, side by side. */
@@ -94,6 +106,9 @@ struct umbt_technique_row {
      * take the bytes of one map. 0: one map for all points. */
     uint32_t cascades;
     enum umb_cascade_fit fit; /* Fit of the slices; not LISPSM with truth BOX */
+    int match;                /* 1: contrasts of the slices by umb_cascades_match */
+    double blend;             /* Share of a slice that fades into the next */
+    uint32_t samples;         /* Depths along each side of a texel; 0 = 1 */
 };
 
 /* All rows, in the order of the table. */

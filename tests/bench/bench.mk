@@ -2,7 +2,7 @@
 # Benchmarks. They print one JSON object a row on stdout and a table on stderr; with
 # UMBRAGE_BENCH_BARS=FILE the table shows the bars of that file. SIZE=quick|full.
 SIZE ?= quick
-BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
+BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_frames $(BUILD)/bench_service
 BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_arguments bench_machine bench_scene \
 	bench_points bench_map16 place_floor_avx2 place_floor_avx512 lines_floor embree_peer yardstick_2014 voxel_truth bake_race lamp_race)
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
@@ -25,6 +25,8 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
 
 $(BUILD)/bench_query: $(BENCH_VOLUME)
+$(BUILD)/bench_frames: $(BUILD)/tests/bench/vsm_peer_avx2.o
+$(BUILD)/tests/bench/vsm_peer_avx2.o: AVX2_FLAGS += -O3
 
 # The service's races: one client, bare frames and gRPC's C++ library as peers.
 PEER_OBJ := $(BUILD)/tests/bench/peer_work.o
@@ -91,6 +93,10 @@ bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks
 bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 	@$(BUILD)/bench_query --size $(SIZE)
 
+bench-frames: $(BUILD)/bench_frames ## cascades drawn and variance maps blurred for each picture, against an asset
+	@$(BUILD)/bench_frames --size $(SIZE)
+.PHONY: bench-frames
+
 bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the daemon against the library in process
 	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
@@ -100,12 +106,29 @@ bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
+# Orders of leaves under a window, on the octree of 2014.
+$(BUILD)/bench_orders: $(BUILD)/tests/bench/bench_orders.o $(BENCH_SHARED) $(BENCH_STUDY) $(BENCH_ORACLE) $(GEN_OBJ) $(BENCH_LIBS)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+bench-orders: $(BUILD)/bench_orders ## orders of the leaves under a window, on the octree of 2014
+	@$<
+.PHONY: bench-orders
+
+# The paper's linked lists against arrays, links and streams.
+$(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+bench-deep-ways: $(BUILD)/bench_deep_ways ## ways through the lists of deep maps, by mean length
+	@$<
+.PHONY: bench-deep-ways
+
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
 	@assets=$$(mktemp -d) && trap 'rm -rf "$$assets"' EXIT && \
 	$(BUILD)/bench_bake --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_query --size $(SIZE) --assets "$$assets" && \
+	$(BUILD)/bench_frames --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
 .PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service

@@ -13,6 +13,7 @@
 #include "wire/regions.h"
 
 #define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
+#define SEAM_TEXELS UINT64_C(36864)     /* texels that take as long as the match of one seam */
 #define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
 /* Header of an allocated block. The memory after the header is aligned for any type. */
@@ -149,6 +150,7 @@ static enum umb_status check_texels(const struct umbd_call *call, const struct d
                         (unsigned long long)limit);
     }
     *texels *= map_count(d);
+    *texels += settings->match_contrast ? SEAM_TEXELS * (map_count(d) - 1) : 0;
     return UMB_OK;
 }
 
