@@ -20,6 +20,7 @@
 #define UMB__INLINE static inline __attribute__((always_inline))
 
 struct umb__query;
+struct umb__kernels;
 
 /* A kernel, or a stage around one: answers points first .. first + count - 1 as umb_query_run
  * does. */
@@ -66,6 +67,7 @@ struct umb__query {
     double eye[3], pixel_rad;  /* Eye relative to the asset's origin, and the angle of its pixels */
     double texel_m;            /* Mean edge of a texel of parallel light, metres */
     double sample_no_normal_m; /* Bias no_normal_m of a query of one tap */
+    const struct umb__kernels *kernels; /* Kernels that read and answer squares */
     /* Spot and point lights (perspective.h). For these the fields about one frustum are not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
