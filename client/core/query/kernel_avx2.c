@@ -2,6 +2,7 @@
 /* The query kernels compiled for x86-64 with AVX2, POPCNT and BMI; elsewhere they are the
  * baseline. */
 #define UMB__KERNEL umb__kernel_avx2
+#define UMB__TENT   umb__tent_avx2
 #define UMB__COARSE umb__kernel_coarse_avx2
 #if defined(__AVX2__)
 #include "query/kernel_lanes_avx2.h"

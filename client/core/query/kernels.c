@@ -12,14 +12,20 @@ void umb__run_wide(const struct umb__query *query, const struct umb_points *poin
     (count > FEW ? umb__kernel_avx512 : umb__kernel_avx2)(query, points, first, count, answers);
 }
 
+void umb__tent_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
+                    size_t count, struct umb_answers *answers)
+{
+    (count > FEW ? umb__tent_avx512 : umb__tent_avx2)(query, points, first, count, answers);
+}
+
 const struct umb__kernels *umb__kernels_here(void)
 {
-    static const struct umb__kernels base = {umb__kernel_base, umb__kernel_coarse,
+    static const struct umb__kernels base = {umb__kernel_base, umb__tent_base, umb__kernel_coarse,
                                              umb__receivers_base, umb__squares_base};
 #if defined(__x86_64__)
-    static const struct umb__kernels avx2 = {umb__kernel_avx2, umb__kernel_coarse_avx2,
+    static const struct umb__kernels avx2 = {umb__kernel_avx2, umb__tent_avx2, umb__kernel_coarse_avx2,
                                              umb__receivers_avx2, umb__squares_avx2};
-    static const struct umb__kernels wide = {umb__run_wide, umb__kernel_coarse_avx2,
+    static const struct umb__kernels wide = {umb__run_wide, umb__tent_wide, umb__kernel_coarse_avx2,
                                              umb__receivers_avx512, umb__squares_avx512};
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&
         __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")) {

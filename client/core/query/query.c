@@ -111,10 +111,16 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     return UMB_OK;
 }
 
+static umb__kernel *kernel_of(const struct umb__filter *filter)
+{
+    const struct umb__kernels *here = umb__kernels_here();
+    return filter->kernel != NULL ? filter->kernel : filter->is_tent ? here->tents : here->windows;
+}
+
 /* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
-    umb__kernel *kernel = plan->filter->kernel != NULL ? plan->filter->kernel : umb__kernels_here()->windows;
+    umb__kernel *kernel = kernel_of(plan->filter);
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;
     const struct umb__top *top = &view->tops[plan->light->first_frustum];
@@ -131,6 +137,7 @@ static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
         .column_level = top->column_level,
         .frustum = plan->light->first_frustum,
         .taps = taps,
+        .total = plan->filter->total != NULL ? plan->filter->total(taps) : (uint32_t)(taps * taps),
         .level = plan->settings->level,
         .filter = plan->settings->filter,
         .bias_mode = plan->settings->bias_mode,

@@ -80,7 +80,8 @@ static enum umb_status check_light(const struct umb__plan *plan, struct umb_erro
         return UMB_OK;
     }
     return umb_fail(error, UMB_E_UNSUPPORTED,
-                    "%s: light %u is not directional; it takes the box filter and taps",
+                    "%s: light %u is not directional; it takes the box, tent, gaussian and footprint "
+                    "filters, and taps",
                     plan->filter->any_light ? "footprint_m" : "filter", settings->light);
 }
 
