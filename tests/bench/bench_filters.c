@@ -20,7 +20,8 @@ enum {
     TENT_17,
     FOOTPRINTS, /* The first of four footprints ... */
     QUERIES = FOOTPRINTS + 4,
-    FILTER_TEXELS = 24 /* ... and the width of the second, in texels; each is twice the one before */
+    FILTER_TEXELS =
+        24 /* ... and the width of the second, in texels; each is twice the one before */
 };
 
 static void queries_prepare(const struct bench_scene *scene, const struct bench_asset *asset,

@@ -260,8 +260,7 @@ void far_voaa(const struct far_assets *assets, struct far_shares *shares,
         const double near = voaa_level(shares, &view->points, i, at.level);
         answers[i] = near;
         if (at.weight > 0) {
-            answers[i] +=
-                at.weight * (voaa_level(shares, &view->points, i, at.level + 1) - near);
+            answers[i] += at.weight * (voaa_level(shares, &view->points, i, at.level + 1) - near);
         }
     }
 }

@@ -42,8 +42,9 @@ enum mode {
 };
 
 static const char *const names[MODES] = {
-    "one tap", "9 taps", "a window of that width in one depth, exact",
-    "MRAA, 9 taps", "MRAA, 17 taps", "VOAA", "footprint"};
+    "one tap",      "9 taps",        "a window of that width in one depth, exact",
+    "MRAA, 9 taps", "MRAA, 17 taps", "VOAA",
+    "footprint"};
 
 struct race {
     struct umbt_scene scene;

@@ -138,7 +138,6 @@ int main(int argc, char **argv)
     if (argc == 5 && strcmp(argv[1], "run") == 0) {
         return run(argv[2], argv[3], (uint32_t)strtoul(argv[4], NULL, 10));
     }
-    (void)fprintf(stderr,
-                  "usage: kernel_count write FILE | run FILE KERNEL TAPS\n");
+    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE KERNEL TAPS\n");
     return 2;
 }

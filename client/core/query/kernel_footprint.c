@@ -31,8 +31,8 @@ struct chunk {
     struct umb_points points; /* Points of the chunk */
     double near[CHUNK], far[CHUNK], weight[CHUNK];
     uint32_t window_count;
-    uint16_t windows[CHUNK];        /* Points that need their window */
-    bool both[CHUNK];               /* True: `near` is a square; false: the window */
+    uint16_t windows[CHUNK];         /* Points that need their window */
+    bool both[CHUNK];                /* True: `near` is a square; false: the window */
     struct umb__receivers receivers; /* Those of a block of the points */
 };
 
@@ -69,8 +69,7 @@ static void place_level(const struct umb__query *q, const struct umb__receivers 
     for (uint32_t k = 0; k < SAMPLES; k++) {
         const double u = umb__square_place(k, 0) * side, v = umb__square_place(k, 1) * side;
         for (unsigned axis = 0; axis < 3; axis++) {
-            places[k][axis] =
-                r->p[axis][i] + u * a[axis] + v * b[axis] - lift * r->light[axis][i];
+            places[k][axis] = r->p[axis][i] + u * a[axis] + v * b[axis] - lift * r->light[axis][i];
         }
     }
 }

@@ -23,10 +23,12 @@ struct umb__slice_places {
 };
 
 /* Places of the samples on the edges of their square, by axis: umb__square_place. */
-#define UMB__PLACED(i)  (((double)(i) + 0.5) / UMB__SQUARE_SAMPLES - 0.5)
-#define UMB__EVERY(i)   UMB__PLACED(i), UMB__PLACED((i) + 1), UMB__PLACED((i) + 2), UMB__PLACED((i) + 3)
-#define UMB__ACROSS(i)  UMB__PLACED((i) * UMB__SQUARE_STRIDE % UMB__SQUARE_SAMPLES)
-#define UMB__EACH(i)    UMB__ACROSS(i), UMB__ACROSS((i) + 1), UMB__ACROSS((i) + 2), UMB__ACROSS((i) + 3)
+#define UMB__PLACED(i) (((double)(i) + 0.5) / UMB__SQUARE_SAMPLES - 0.5)
+#define UMB__EVERY(i)                                                                              \
+    UMB__PLACED(i), UMB__PLACED((i) + 1), UMB__PLACED((i) + 2), UMB__PLACED((i) + 3)
+#define UMB__ACROSS(i) UMB__PLACED((i)*UMB__SQUARE_STRIDE % UMB__SQUARE_SAMPLES)
+#define UMB__EACH(i)                                                                               \
+    UMB__ACROSS(i), UMB__ACROSS((i) + 1), UMB__ACROSS((i) + 2), UMB__ACROSS((i) + 3)
 static const double umb__lattice[2][UMB__SQUARE_SAMPLES] __attribute__((aligned(64))) = {
     {UMB__EVERY(0), UMB__EVERY(4), UMB__EVERY(8), UMB__EVERY(12), UMB__EVERY(16), UMB__EVERY(20),
      UMB__EVERY(24), UMB__EVERY(28)},
@@ -69,8 +71,7 @@ static inline void umb__child_bytes_make(const struct umb__samples *samples, uin
                                          struct umb__child_bytes *bytes)
 {
     for (uint32_t k = 0; k < UMB__SAMPLES; k++) {
-        bytes->of[k] =
-            (uint8_t)umb__child_bit(samples->x[k], samples->y[k], samples->z[k], level);
+        bytes->of[k] = (uint8_t)umb__child_bit(samples->x[k], samples->y[k], samples->z[k], level);
     }
 }
 

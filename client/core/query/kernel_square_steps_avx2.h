@@ -44,9 +44,9 @@ static inline uint64_t umb__place_samples_avx2(const struct umb__receivers *r, u
     umb__place_axis_avx2(r, lane, 2, last, samples->z);
     for (uint32_t k = 0; k < UMB__SAMPLES; k += 8) {
         const __m256i across = (umb__load_eight(samples->x + k) | umb__load_eight(samples->y + k));
-        const __m256i out = _mm256_cmpgt_epi32(_mm256_setzero_si256(),
-                                               umb__load_eight(samples->z + k)) |
-                            (across & beyond);
+        const __m256i out =
+            _mm256_cmpgt_epi32(_mm256_setzero_si256(), umb__load_eight(samples->z + k)) |
+            (across & beyond);
         const __m256i in = _mm256_cmpeq_epi32(out, _mm256_setzero_si256());
         outside |= (uint64_t)(~(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(in)) & 0xff) << k;
     }
@@ -83,8 +83,8 @@ static inline void umb__child_bytes_avx2(const struct umb__samples *samples, uin
 /* umb__children_in of samples k .. k + 31. */
 static inline uint64_t umb__half_in(const struct umb__child_bytes *bytes, uint32_t k, __m256i mask)
 {
-    const __m256i bit_of = _mm256_setr_epi8(1, 2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0,
-                                            1, 2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0);
+    const __m256i bit_of = _mm256_setr_epi8(1, 2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0, 1,
+                                            2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0);
     const __m256i seven = _mm256_set1_epi8(7);
     const __m256i of = _mm256_load_si256((const __m256i *)(const void *)(bytes->of + k));
     const __m256i byte = _mm256_shuffle_epi8(mask, _mm256_srli_epi16(of, 3) & seven);

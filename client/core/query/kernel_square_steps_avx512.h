@@ -27,7 +27,8 @@ UMB__INLINE void umb__place_axis_avx512(const struct umb__receivers *r, uint32_t
     const __m512d narrow = _mm512_set1_pd(r->centre[0][axis][lane]);
     const __m512d wide = _mm512_set1_pd(r->centre[1][axis][lane]);
     const __m512d half = _mm512_set1_pd(0.5);
-    const __m512i even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+    const __m512i even =
+        _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
     __m512i near[4], far[4];
     for (uint32_t i = 0; i < 4; i++) {
         const __m512d from_centre = _mm512_load_pd(umb__lattice[0] + 8 * i) * edge[0] +
@@ -126,8 +127,8 @@ static inline uint64_t umb__children_in_avx512(const struct umb__child_bytes *by
 {
     const __m512i bit_of = _mm512_set1_epi64((long long)UINT64_C(0x8040201008040201));
     const __m512i seven = _mm512_set1_epi8(7), of = _mm512_load_si512(bytes->of);
-    const __m512i byte = _mm512_shuffle_epi8(_mm512_set1_epi64((long long)mask),
-                                             _mm512_srli_epi16(of, 3) & seven);
+    const __m512i byte =
+        _mm512_shuffle_epi8(_mm512_set1_epi64((long long)mask), _mm512_srli_epi16(of, 3) & seven);
     const __m512i bit = _mm512_shuffle_epi8(bit_of, of & seven);
     return _mm512_mask_test_epi8_mask(these, byte, bit);
 }

@@ -18,10 +18,10 @@
 #include "query/kernel_square_steps.h"
 
 #ifndef UMB__PLACE_SAMPLES
-#define UMB__PLACE_SAMPLES   umb__place_samples
-#define UMB__CHILD_BYTES     umb__child_bytes_make
-#define UMB__CHILDREN_IN     umb__children_in
-#define UMB__SAMPLES_IN      umb__samples_in
+#define UMB__PLACE_SAMPLES umb__place_samples
+#define UMB__CHILD_BYTES   umb__child_bytes_make
+#define UMB__CHILDREN_IN   umb__children_in
+#define UMB__SAMPLES_IN    umb__samples_in
 #endif
 #ifndef UMB__LIT_IN_BRICK
 #define UMB__SLICE_PLACES umb__slice_places_make
@@ -223,8 +223,7 @@ UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to,
     const uint64_t below = ((uint64_t)1 << child) - 1;
     to->point[at] = (uint8_t)p;
     to->samples[at] = samples;
-    block->child[at] =
-        (const uint32_t *)(const void *)node + 4 + umb__count_bits(node[0] & below);
+    block->child[at] = (const uint32_t *)(const void *)node + 4 + umb__count_bits(node[0] & below);
     UMB__PREFETCH(block->child[at]);
 }
 
@@ -331,8 +330,8 @@ void UMB__SQUARES_FN(const struct umb__query *query, struct umb__receivers *rece
     }
 }
 
-void UMB__RECEIVERS_FN(const struct umb__query *query, const struct umb_points *points, size_t first,
-                       uint32_t count, struct umb__receivers *receivers)
+void UMB__RECEIVERS_FN(const struct umb__query *query, const struct umb_points *points,
+                       size_t first, uint32_t count, struct umb__receivers *receivers)
 {
     umb__receivers_read(query, points, first, count, receivers);
     umb__receivers_light(query, receivers);

@@ -17,9 +17,9 @@
  * for the k-th brick from there. */
 struct umb__tent {
     _Alignas(64) uint64_t columns[UMB__TENT_PLANES][3][8]; /* Texels whose weight on x has bit p */
-    uint64_t rows[3][8];   /* Weight on y, a byte a row */
-    uint64_t even[3][8];   /* Those of the even rows in words of 16 bits, the last row first ... */
-    uint64_t odd[3][8];    /* ... and those of the odd rows */
+    uint64_t rows[3][8];                                   /* Weight on y, a byte a row */
+    uint64_t even[3][8]; /* Those of the even rows in words of 16 bits, the last row first ... */
+    uint64_t odd[3][8];  /* ... and those of the odd rows */
 };
 
 static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)

@@ -23,8 +23,9 @@ const struct umb__kernels *umb__kernels_here(void)
     static const struct umb__kernels base = {umb__kernel_base, umb__tent_base, umb__kernel_coarse,
                                              umb__receivers_base, umb__squares_base};
 #if defined(__x86_64__)
-    static const struct umb__kernels avx2 = {umb__kernel_avx2, umb__tent_avx2, umb__kernel_coarse_avx2,
-                                             umb__receivers_avx2, umb__squares_avx2};
+    static const struct umb__kernels avx2 = {umb__kernel_avx2, umb__tent_avx2,
+                                             umb__kernel_coarse_avx2, umb__receivers_avx2,
+                                             umb__squares_avx2};
     static const struct umb__kernels wide = {umb__run_wide, umb__tent_wide, umb__kernel_coarse_avx2,
                                              umb__receivers_avx512, umb__squares_avx512};
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&

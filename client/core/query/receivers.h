@@ -16,15 +16,16 @@
 /* A receiver a lane. Flags are 0 or 1 in words as wide as the doubles. */
 struct umb__receivers {
     uint32_t count;
-    _Alignas(64) double p[3][UMB__RECEIVERS]; /* Position in metres, relative to the asset's origin */
-    double given[3][UMB__RECEIVERS];          /* Normal as given; 0 without one */
-    double normal[3][UMB__RECEIVERS];         /* Unit normal; towards the light without one */
-    double light[3][UMB__RECEIVERS];          /* Unit vector in which the light travels there */
-    double reach[UMB__RECEIVERS];   /* Distance in metres to the light; infinite for a sun */
-    double texel_m[UMB__RECEIVERS]; /* Mean edge of a texel there, metres */
-    double side[UMB__RECEIVERS];    /* Footprint, metres */
-    double level_m[UMB__RECEIVERS]; /* Width in metres of the level below the footprint */
-    double weight[UMB__RECEIVERS];  /* Weight of the level above the footprint, 0 to 1 */
+    _Alignas(
+        64) double p[3][UMB__RECEIVERS]; /* Position in metres, relative to the asset's origin */
+    double given[3][UMB__RECEIVERS];     /* Normal as given; 0 without one */
+    double normal[3][UMB__RECEIVERS];    /* Unit normal; towards the light without one */
+    double light[3][UMB__RECEIVERS];     /* Unit vector in which the light travels there */
+    double reach[UMB__RECEIVERS];        /* Distance in metres to the light; infinite for a sun */
+    double texel_m[UMB__RECEIVERS];      /* Mean edge of a texel there, metres */
+    double side[UMB__RECEIVERS];         /* Footprint, metres */
+    double level_m[UMB__RECEIVERS];      /* Width in metres of the level below the footprint */
+    double weight[UMB__RECEIVERS];       /* Weight of the level above the footprint, 0 to 1 */
     uint64_t has_normal[UMB__RECEIVERS];
     uint64_t window[UMB__RECEIVERS]; /* 1: the window is the answer */
     uint64_t both[UMB__RECEIVERS];   /* 1: the level below is a square, too; 0: the window */
@@ -33,7 +34,7 @@ struct umb__receivers {
      * The square below has the same directions and is half as wide. */
     double centre[2][3][UMB__RECEIVERS];
     double edge[2][3][UMB__RECEIVERS];
-    double voxel[3][UMB__RECEIVERS]; /* Where one tap is looked up */
+    double voxel[3][UMB__RECEIVERS];  /* Where one tap is looked up */
     uint64_t tame[UMB__RECEIVERS];    /* 1: all voxel indices of samples fit into 32 bits */
     uint64_t compact[UMB__RECEIVERS]; /* 1: all samples are within four cubes on each axis */
 };
