@@ -9,8 +9,8 @@
  * along which the automatic bias moves them. For 1, 9 and 17 taps the
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
  * the same bits, the kernels must count the same, and every 64th answer must be that of the walk
- * which looks up a window alone. Tents and footprints of all widths of the same points must have equal
- * bits and counts by every kernel.
+ * which looks up a window alone. Tents and footprints of all widths of the same points must have
+ * equal bits and counts by every kernel.
  * Prints what it compared; 1 where two differ.
  */
 #include <math.h>

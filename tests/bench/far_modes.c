@@ -108,8 +108,8 @@ static double share_in_brick(const uint64_t brick[8], const uint32_t v[3], uint3
     return lit / (double)(side * side * side);
 }
 
-/* The lit share of the aligned cube of 2^k voxels around a voxel. Wide nodes have odd levels: a cube
- * of an even one is eight of a node's children. */
+/* The lit share of the aligned cube of 2^k voxels around a voxel. Wide nodes have odd levels: a
+ * cube of an even one is eight of a node's children. */
 static double cube_share(struct far_shares *shares, const uint32_t v[3], uint32_t k)
 {
     const struct umb__tree tree = umb__tree_of(&shares->query);

@@ -6,7 +6,7 @@
  * 5. Both of these take two levels of detail around the width of a pixel and interpolate linearly
  * between their answers.
  *
- *   MRAA  a level is a window of `taps` texels in an asset of half the resolution of the level below
+ *   MRAA  a level is a window of `taps` texels in an asset of half the resolution of the one before
  *   VOAA  a level is the lit share of the aligned cube of 2^k voxels around the point, in one asset
  *
  * Level k of either is moved off its surface by the automatic bias of its own texels or cubes. The

@@ -5,10 +5,10 @@
  *     far_views SCENE CAMERA FOLDER
  *
  * FOLDER has the assets 16384.umb, 8192.umb ... 512.umb of the scene's sun. A view of WIDTH pixels,
- * then of half as many and so on, is filtered by every way of far_modes.h, by one tap, by windows and
- * by footprints. The truth of a pixel is the mean of one tap, at 16384, over its sub-pixels, at
- * least SUBPIXELS a side. Prints a table: mean differences from the truth by view, whose name is the
- * median width of its pixels in texels; CPU nanoseconds a point, of all views; bytes.
+ * then of half as many and so on, is filtered by every way of far_modes.h, by one tap, by windows
+ * and by footprints. The truth of a pixel is the mean of one tap, at 16384, over its sub-pixels, at
+ * least SUBPIXELS a side. Prints a table: mean differences from the truth by view, whose name is
+ * the median width of its pixels in texels; CPU nanoseconds a point, of all views; bytes.
  */
 #include <math.h>
 #include <stdio.h>

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c, kernel_avx2.c and kernel_avx512.c, which
- * name the functions (UMB__KERNEL, UMB__TENT). Kernels for vector instructions also name the steps that are
- * hand-written with them; else the steps are those in C, listed below. There is no include guard:
- * each file includes this one once.
+ * name the functions (UMB__KERNEL, UMB__TENT). Kernels for vector instructions also name the steps
+ * that are hand-written with them; else the steps are those in C, listed below. There is no include
+ * guard: each file includes this one once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. One bit a point says whether its look-up

@@ -228,8 +228,8 @@ static inline void umb__receivers_move(const struct umb__query *q, const struct 
         }
 }
 
-/* Places the squares of receivers of parallel light in voxel space. In: cube: width in voxels of the
- * cubes that samples are first told apart by. */
+/* Places the squares of receivers of parallel light in voxel space. In: cube: width in voxels of
+ * the cubes that samples are first told apart by. */
 static inline void umb__receivers_place(const struct umb__query *q, double cube,
                                         struct umb__receivers *r)
 {

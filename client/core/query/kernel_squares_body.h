@@ -7,9 +7,9 @@
  *
  * The samples of a point are scattered over a few hundred texels: each has its own brick, but most
  * share the nodes above. So samples descend in groups. A group is a node and the samples of one
- * point in it, a bit each. A step tells for all 64 samples of a point at once whether their children
- * are lit, shadowed or mixed, and makes a group for each mixed child. Most groups end above the
- * bricks.
+ * point in it, a bit each. A step tells for all 64 samples of a point at once whether their
+ * children are lit, shadowed or mixed, and makes a group for each mixed child. Most groups end above
+ * the bricks.
  *
  * Up to sixteen points go together, stage by stage as in kernel_body.h: each stage prefetches what
  * the next one reads.
@@ -123,8 +123,9 @@ static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_
     return count;
 }
 
-/* Makes groups of the samples of the open points by the first cubes, in rounds as group_by_child. The
- * cubes of a point are told apart by the lowest two bits of their places: enough for four cubes. */
+/* Makes groups of the samples of the open points by the first cubes, in rounds as group_by_child.
+ * The cubes of a point are told apart by the lowest two bits of their places: enough for four
+ * cubes. */
 static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
                              uint32_t count)
 {

@@ -3,10 +3,10 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_TENT_STEPS_H
 /*
  * Weighs the texels of a window as a tent does: texel i of `taps` weighs min(i + 1, taps - i) on
- * each axis. A slice of a brick is a byte a row. The weight on x of a row's lit texels is a sum over
- * the bits of the weights: the texels whose weight has bit p, counted, times 2^p. A row's sum is at
- * most ((taps + 1) / 2)^2 = 81, so eight rows stay in the eight bytes of a word. The weights on y
- * then come by two multiplications, of the even and of the odd rows. All is in integers.
+ * each axis. A slice of a brick is a byte a row. The weight on x of a row's lit texels is a sum
+ * over the bits of the weights: the texels whose weight has bit p, counted, times 2^p. A row's sum
+ * is at most ((taps + 1) / 2)^2 = 81, so eight rows stay in the eight bytes of a word. The weights
+ * on y then come by two multiplications, of the even and of the odd rows. All is in integers.
  */
 #include "query/kernel_runs.h"
 

@@ -2,8 +2,8 @@
 /*
  * Weighs the texels of one window by their distance to the centre on both axes, for the Gaussian,
  * and for tents that the kernels leave out (kernel_tent_steps.h): those cut off by the frustum's
- * edge. Such weights are sums of boxes: the weight of a row is a sum of popcounts under nested masks
- * (0, 1, 2 ... texels around the centre), each times a whole number. The window's texels are
+ * edge. Such weights are sums of boxes: the weight of a row is a sum of popcounts under nested
+ * masks (0, 1, 2 ... texels around the centre), each times a whole number. The window's texels are
  * gathered once, as rows of bits, brick by brick. All sums are of integers: the same bits on all
  * machines.
  */

@@ -39,8 +39,8 @@ struct umb__receivers {
     uint64_t compact[UMB__RECEIVERS]; /* 1: all samples are within four cubes on each axis */
 };
 
-/* Reads the points first .. first + count - 1 and finds their footprints and levels. Out: all fields
- * above but the squares. */
+/* Reads the points first .. first + count - 1 and finds their footprints and levels. Out: all
+ * fields but `mean` and what follows it. */
 typedef void umb__receivers_fn(const struct umb__query *query, const struct umb_points *points,
                                size_t first, uint32_t count, struct umb__receivers *receivers);
 
