@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Footprints: the share of the light that reaches the patch of a surface that a pixel covers. All
- * arithmetic is in doubles, one point at a time, the same on all machines.
+ * arithmetic is in doubles, the same on all machines. Kernels find the footprints of 64 points at a
+ * time (kernel_receivers.h) and answer their squares under parallel light (kernel_squares_body.h).
+ * Where another stage stands inside this one, of lamps or translucent casters, each point's samples
+ * go through it.
  *
  * Level 0 of a point is its window of `taps` texels, as without a footprint. Level k > 0 is the
  * mean of one-tap look-ups spread over a square of its surface, 2^k windows wide: the plane through
@@ -248,6 +251,6 @@ const struct umb__filter umb__filter_footprint = {
     .partial = "filter: footprint: a partial asset tells of windows only; ask the whole",
     .check = check,
     .set = set,
-    .slice = 512, /* points of up to 4 us each */
+    .slice = 512, /* points of up to 4 us each, where they go one by one */
     .work = 64,   /* two levels of 32 look-ups */
 };

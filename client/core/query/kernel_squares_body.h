@@ -8,8 +8,8 @@
  * The samples of a point are scattered over a few hundred texels: each has its own brick, but most
  * share the nodes above. So samples descend in groups. A group is a node and the samples of one
  * point in it, a bit each. A step tells for all 64 samples of a point at once whether their
- * children are lit, shadowed or mixed, and makes a group for each mixed child. Most groups end above
- * the bricks.
+ * children are lit, shadowed or mixed, and makes a group for each mixed child. Most groups end
+ * above the bricks.
  *
  * Up to sixteen points go together, stage by stage as in kernel_body.h: each stage prefetches what
  * the next one reads.
