@@ -25,6 +25,9 @@
 #define UMB__READ_RUNS      umb__read_runs
 #define UMB__READ_BRICK     umb__read_brick
 #endif
+#ifndef UMB__WEIGH_WINDOWS
+#define UMB__WEIGH_WINDOWS umb__weigh_windows
+#endif
 #ifndef UMB__TAKE_HEADS /* Steps that only AVX-512 has hand-written */
 #define UMB__TAKE_HEADS                            umb__take_heads
 #define UMB__MAKE_MASKS                            umb__make_masks
@@ -32,7 +35,6 @@
 #define UMB__TOUCHED_STATES                        umb__touched_states
 #define UMB__SPREAD_SETTLED                        umb__spread_settled
 #define UMB__COUNT_WINDOWS                         umb__count_windows
-#define UMB__WEIGH_WINDOWS                         umb__weigh_windows
 #define UMB__STEP_HEADS                            umb__step_heads
 #define UMB__RUNS_OF(runs, heads)                  ((void)(runs), umb__count_bits(heads))
 #define UMB__MERGE_HEADS(spread, heads, runs)      ((void)(spread))

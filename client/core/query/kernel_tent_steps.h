@@ -20,6 +20,8 @@ struct umb__tent {
     uint64_t rows[3][8];                                   /* Weight on y, a byte a row */
     uint64_t even[3][8]; /* Those of the even rows in words of 16 bits, the last row first ... */
     uint64_t odd[3][8];  /* ... and those of the odd rows */
+    /* Only with AVX2: columns of the bricks of a row side by side, the fourth 0 */
+    _Alignas(32) uint64_t beside[UMB__TENT_PLANES][8][4];
 };
 
 static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)
@@ -37,6 +39,8 @@ static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)
         for (uint32_t at = 0; at < 8; at++) {
             for (uint32_t p = 0; p < UMB__TENT_PLANES; p++) {
                 tent->columns[p][k][at] = (bits[p] << at >> 8 * k & 0xff) * UMB__EVERY_BYTE;
+                tent->beside[p][at][k] = tent->columns[p][k][at];
+                tent->beside[p][at][3] = 0;
             }
             memcpy(&tent->rows[k][at], weights + 8 + 8 * k - at, 8);
             const uint64_t reversed = __builtin_bswap64(tent->rows[k][at]);

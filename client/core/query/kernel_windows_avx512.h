@@ -3,7 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_AVX512_H
 /* The steps of kernel_window_steps.h with AVX-512; the same integers. */
 #include "query/kernel_runs_avx512.h"
-#include "query/kernel_tent_steps.h"
+#include "query/kernel_tent_avx2.h"
 #include "query/kernel_window_steps.h"
 
 static inline void umb__make_masks_avx512(int32_t taps, struct umb__window_masks *masks)
@@ -178,7 +178,7 @@ UMB__INLINE void umb__weigh_windows_avx512(const struct umb__tent *tent, struct 
                                            uint32_t side, const uint64_t *const *brick)
 {
     if (runs->count == block->size) {
-        umb__weigh_windows(tent, block, heads, runs, side, brick);
+        umb__weigh_windows_avx2(tent, block, heads, runs, side, brick);
         return;
     }
     for (uint64_t rest = heads; rest; rest &= rest - 1) {
