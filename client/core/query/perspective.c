@@ -257,9 +257,9 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     answers.stats.points = stats->points;
     *stats = answers.stats;
     for (size_t i = 0; i < found; i++) {
-        /* The float is the one nearest to lit / total, and total is at most 289, so the product
-         * rounds to lit exactly. */
-        double total = (double)(q->taps * q->taps);
+        /* The float is the one nearest to lit / total. The total is below 2^13 or a power of two up
+         * to 2^22, so the product rounds to lit exactly. */
+        double total = (double)q->total;
         chunk->lit[places[i]] = (uint32_t)((double)values[i] * total + 0.5);
     }
 }
@@ -267,7 +267,7 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
 static void perspective_run(const struct umb__query *q, const struct umb_points *points,
                             size_t first, size_t count, struct umb_answers *answers)
 {
-    uint32_t total = (uint32_t)(q->taps * q->taps);
+    uint32_t total = q->total;
     for (size_t at = first; at < first + count; at += CHUNK) {
         struct chunk chunk;
         size_t n = first + count - at < CHUNK ? first + count - at : CHUNK;

@@ -20,6 +20,7 @@
 #define UMB__INLINE static inline __attribute__((always_inline))
 
 struct umb__query;
+struct umb__kernels;
 
 /* A kernel, or a stage around one: answers points first .. first + count - 1 as umb_query_run
  * does. */
@@ -45,7 +46,8 @@ struct umb__query {
     uint32_t column_level; /* c: a column is 1 << c texels wide */
     uint32_t frustum;      /* Number of the frustum in the asset */
     int32_t taps;          /* Width of the window in texels */
-    uint32_t level;        /* Level at which look-ups stop; 0: at the voxel */
+    uint32_t total; /* Sum of the weights of a window's texels: the count of an all lit one */
+    uint32_t level; /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
@@ -66,6 +68,7 @@ struct umb__query {
     double eye[3], pixel_rad;  /* Eye relative to the asset's origin, and the angle of its pixels */
     double texel_m;            /* Mean edge of a texel of parallel light, metres */
     double sample_no_normal_m; /* Bias no_normal_m of a query of one tap */
+    const struct umb__kernels *kernels; /* Kernels that read and answer squares */
     /* Spot and point lights (perspective.h). For these the fields about one frustum are not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
@@ -298,11 +301,17 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
 uint32_t umb__count_window(const struct umb__query *q, const struct umb__window *window,
                            struct umb_query_stats *stats);
 
+/* Returns the weight of the lit texels of a tent around v; texels outside the frustum are lit. In:
+ * window: the window of v. */
+uint32_t umb__weigh_tent(const struct umb__query *q, const double v[3],
+                         const struct umb__window *window, struct umb_query_stats *stats);
+
 /* Kernels of windows: one source (kernel_body.h), compiled for each instruction set. */
 umb__kernel umb__kernel_base, umb__kernel_avx2, umb__kernel_avx512;
+umb__kernel umb__tent_base, umb__tent_avx2, umb__tent_avx512;
 
-/* Runs a batch with umb__kernel_avx512, a short one with umb__kernel_avx2. */
-umb__kernel umb__run_wide;
+/* Run a batch with a kernel for AVX-512, a short one with a kernel for AVX2. */
+umb__kernel umb__run_wide, umb__tent_wide;
 
 /* Kernels of look-ups that stop at a level (kernel_coarse_body.h). */
 umb__kernel umb__kernel_coarse, umb__kernel_coarse_avx2;

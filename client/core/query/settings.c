@@ -79,9 +79,11 @@ static enum umb_status check_light(const struct umb__plan *plan, struct umb_erro
     if (plan->light->kind == UMB_LIGHT_DIRECTIONAL || (plan->filter->any_light && !metres)) {
         return UMB_OK;
     }
-    return umb_fail(error, UMB_E_UNSUPPORTED,
-                    "%s: light %u is not directional; it takes the box filter and taps",
-                    plan->filter->any_light ? "footprint_m" : "filter", settings->light);
+    return umb_fail(
+        error, UMB_E_UNSUPPORTED,
+        "%s: light %u is not directional; it takes the box, tent, gaussian and footprint "
+        "filters, and taps",
+        plan->filter->any_light ? "footprint_m" : "filter", settings->light);
 }
 
 /* Checks coarse look-ups: one tap, parallel light, and a level that every layout has. */

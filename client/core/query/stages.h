@@ -29,7 +29,9 @@ struct umb__filter {
     const char *partial; /* Reason for which partial assets refuse it; NULL: they take it */
     /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
-    umb__kernel *kernel; /* Kernel; NULL: that of windows */
+    umb__kernel *kernel;             /* Kernel; NULL: that of windows, or of tents */
+    bool is_tent;                    /* True: the kernel is that of tents */
+    uint32_t (*total)(int32_t taps); /* Sum of the weights of a window; NULL: taps * taps */
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */

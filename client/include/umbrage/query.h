@@ -69,7 +69,7 @@ enum umb_filter {
     /* Weights that fall off linearly on both axes: texel (i, j) from the centre weighs
      * (m - |i|) (m - |j|) with m = (taps + 1) / 2. The answer has no step when the window moves by
      * a texel, and the filter acts half as wide. In `umb_answer_format`, count is then the sum of
-     * the lit texels' weights, and m^4 replaces taps * taps. Directional lights only. */
+     * the lit texels' weights, and m^4 replaces taps * taps. */
     UMB_FILTER_TENT = 1,
     /* Penumbras of a light that has an extent (percentage closer soft shadows). A search in the
      * cone of the light's rays to the point finds the blockers. Their distance gives the width of
@@ -89,7 +89,7 @@ enum umb_filter {
      * ... are rounded to whole numbers whose sum over a row of the window is 2048. Texel (i, j)
      * from the centre weighs w(|i|) w(|j|). In `umb_answer_format` read 2048^2 for taps * taps.
      * Edges are smoother than a tent's. The answer is within 0.006 of that of the unbounded
-     * Gaussian, sampled at the texels. Directional lights only. */
+     * Gaussian, sampled at the texels. */
     UMB_FILTER_GAUSSIAN = 4,
 };
 
