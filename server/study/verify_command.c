@@ -100,10 +100,8 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    const unsigned flags =
-        (umbt_plan_has(verify->info.plan, "cut-out") ? 0 : UMBT_SCENE_WHOLE) |
-        (umbt_plan_has(verify->info.plan, "transmittance") ? UMBT_SCENE_THROUGH : 0);
-    UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path, flags, error));
+    UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path,
+                             umbt_scene_flags_of(verify->info.plan), error));
     return umbt_common_match(&verify->common, verify->file, verify->info.scene_hash, error);
 }
 
