@@ -235,6 +235,7 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     struct umbt_render_lights *lights = &render->lights;
     setup->scene = &render->common.scene;
     setup->z_up = umbt_is_z_up(&render->common);
+    setup->with_ground = render->with_ground;
     umbt_direction_to(&lights->sources[0].light, setup->z_up, setup->to_light);
     umbt_render_lights_set(lights, setup->scene, setup->z_up, render->kind, render->samples);
     UMB__TRY(truths_check(render, error));
