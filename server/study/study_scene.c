@@ -131,7 +131,7 @@ static enum umb_status tracers_make(struct umbt_scene *scene, unsigned flags,
 
 static enum umb_status scene_load(struct umbt_scene *scene, unsigned flags, struct umb_error *error)
 {
-    const struct umbs_import_options options = {0};
+    const struct umbs_import_options options = {.look = (flags & UMBT_SCENE_LOOK) != 0};
     UMB__TRY(umbs_scene_import(scene->path, &options, &scene->scene, error));
     const struct umbs_scene_view *view = &scene->scene->view;
     umbs_scene_hash(view, scene->hash);
@@ -142,6 +142,7 @@ static enum umb_status scene_load(struct umbt_scene *scene, unsigned flags, stru
     UMB__TRY(casters_find(scene, flags, error));
     box_measure(scene);
     UMB__TRY(surfaces_find(scene, error));
+    UMB__TRY((flags & UMBT_SCENE_LOOK) != 0 ? umbt_scene_look(scene, error) : UMB_OK);
     return tracers_make(scene, flags, error);
 }
 
@@ -188,6 +189,7 @@ void umbt_scene_finish(struct umbt_scene *scene)
     umbs_parts_finish(&scene->parts);
     free(scene->corners);
     free(scene->materials);
+    free(scene->normals);
     if (scene->scene != NULL) {
         umbs_scene_destroy(scene->scene);
     }

@@ -31,6 +31,10 @@ struct umbt_scene {
     struct umbr_rays *rays;         /* casts.rays, borrowed */
     struct umb_box box;             /* bounds of all triangles */
     double diagonal_m;  /* diagonal of the box */
+    /* [count] unit normals of the corners, world, on the front of the triangle; all 0: the file has
+     * none there. NULL: none at all */
+    float (*normals)[3][3];
+    int has_colors; /* 1: materials of the file have colours that tell surfaces apart */
     uint8_t hash[UMB_ID_BYTES];
     int by_material;       /* 1: surfaces are distinguished by material, 0: by part */
     uint32_t main_surface; /* the material or part of the largest area */
@@ -42,6 +46,9 @@ int umbt_plan_has(const char *plan, const char *effect);
 /* Returns 1 if the corners of a triangle have changed places, as its closed part was wound
  * inwards. */
 int umbt_scene_is_turned(const struct umbt_scene *scene, size_t triangle);
+
+/* Finds what pictures need of a loaded scene: normals and has_colors. Fails: E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbt_scene_look(struct umbt_scene *scene, struct umb_error *error);
 
 enum umbt_scene_flags {
     UMBT_SCENE_WHOLE = 1,   /* triangles with holes are whole */

@@ -12,14 +12,66 @@
 
 static const struct umbt_rgb ground_color = {{0.46, 0.45, 0.43}};
 
+/* Share of the incoming light that a white material sends back. */
+static const double white = 0.78;
+
+/* Interpolates the normals of a triangle's corners at a place, on the side of the unit normal
+ * `facing`. Returns 0 if the file has none. */
+static int smooth_normal(const struct umbt_scene *scene, uint32_t triangle,
+                         const double position[3], const double facing[3], double out[3])
+{
+    const double(*corners)[3] = (const double(*)[3])scene->corners[triangle];
+    const float(*normals)[3] = (const float(*)[3])scene->normals[triangle];
+    double whole[3], sum[3] = {0.0, 0.0, 0.0};
+    umb__triangle_cross(corners, whole);
+    const double square = umb__dot(whole, whole);
+    for (int k = 0; k < 3; k++) {
+        double part[3][3], cross[3], normal[3];
+        memcpy(part, corners, sizeof part);
+        memcpy(part[k], position, sizeof part[k]);
+        umb__triangle_cross((const double(*)[3])part, cross);
+        umbt_widen(normals[k], normal);
+        umbt_along(sum, umb__dot(cross, whole) / square, normal, sum);
+    }
+    if (!(umbt_normalize(sum) > 0.0)) {
+        return 0;
+    }
+    const double side = umb__dot(whole, facing) < 0.0 ? -1.0 : 1.0;
+    for (int k = 0; k < 3; k++) {
+        out[k] = side * sum[k];
+    }
+    return 1;
+}
+
+static struct umbt_rgb surface_color(const struct umbt_scene *scene, uint32_t triangle)
+{
+    const struct umbs_scene_view *view = &scene->scene->view;
+    const uint32_t material = scene->materials[triangle];
+    struct umbt_rgb color = {{0.6 * white, 0.6 * white, 0.6 * white}};
+    if (!scene->has_colors) {
+        return umbt_surface_color(umbt_scene_surface_key(scene, triangle));
+    }
+    for (int k = 0; k < 3 && material != UMBS_NO_INDEX; k++) {
+        color.c[k] = white * (double)view->materials[material].base_color[k];
+    }
+    return color;
+}
+
 void umbt_receiver_surface(const struct umbt_scene *scene, const struct umbt_gbuffer *buffer,
                            size_t receiver, struct umbt_surface *surface)
 {
     const uint32_t triangle = buffer->triangles[receiver];
-    umbt_widen(buffer->normals[receiver], surface->normal);
-    surface->color = triangle == UMBT_GROUND
-                         ? ground_color
-                         : umbt_surface_color(umbt_scene_surface_key(scene, triangle));
+    double facing[3];
+    umbt_widen(buffer->normals[receiver], facing);
+    memcpy(surface->normal, facing, sizeof facing);
+    if (triangle == UMBT_GROUND) {
+        surface->color = ground_color;
+        return;
+    }
+    surface->color = surface_color(scene, triangle);
+    if (scene->normals != NULL) {
+        (void)smooth_normal(scene, triangle, buffer->positions[receiver], facing, surface->normal);
+    }
 }
 
 struct umbt_ground umbt_ground_below(const struct umbt_scene *scene, const struct umbt_camera *camera,
