@@ -20,6 +20,18 @@ struct umbt_picture_light umbt_picture_sun(const struct umbt_setup *setup)
     return light;
 }
 
+/* Share of a spot's light in a direction (KHR_lights_punctual: the square of a line between both
+ * cosines). */
+static double cone_share(const struct umbt_picture_light *light, const double towards[3])
+{
+    if (!(light->cone[0] > light->cone[1])) {
+        return 1.0;
+    }
+    const double cosine = -umb__dot(towards, light->lamp->direction);
+    const double line = (cosine - light->cone[1]) / (light->cone[0] - light->cone[1]);
+    return line <= 0.0 ? 0.0 : line >= 1.0 ? 1.0 : line * line;
+}
+
 double umbt_picture_light_at(const struct umbt_picture_light *light, const double position[3],
                              const double normal[3], double *share)
 {
@@ -30,6 +42,7 @@ double umbt_picture_light_at(const struct umbt_picture_light *light, const doubl
         umb__subtract(light->lamp->position, position, way);
         const double near = 1e-3 * light->reference_m;
         *share = light->reference_m * light->reference_m / (umb__dot(way, way) + near * near);
+        *share *= cone_share(light, towards);
     }
     return umb__dot(normal, towards);
 }
@@ -69,6 +82,10 @@ static int powers_take(const struct umbs_scene_view *file, double diagonal_m,
                                        : 1.0;
         }
         lights[i].reference_m = lights[i].lamp != NULL ? 1.0 : 0.0;
+        if (known && file->lights[numbers[i]].kind == UMB_LIGHT_SPOT) {
+            lights[i].cone[0] = cos(file->lights[numbers[i]].inner_cone);
+            lights[i].cone[1] = cos(file->lights[numbers[i]].outer_cone);
+        }
     }
     return known;
 }

@@ -5,7 +5,7 @@
  * The lights of a picture, and how much of each reaches a receiver.
  *
  * A receiver gets power * cosine from parallel light, and power * cosine * (reference / distance)^2
- * from a lamp. Where the scene file has the asset's lights, in the same order, powers are in
+ * from a lamp; of a spot light less towards the border of its cone. Where the scene file has the asset's lights, in the same order, powers are in
  * proportion to the file's intensities (lux, candela) and have its colours. Else each light is as
  * bright as every other. All powers are then scaled together: 15 % of the points that the camera
  * sees would get more than 1 if no surface cast a shadow. A single sun keeps the power 1.
@@ -22,6 +22,7 @@ struct umbt_picture_light {
     double to_light[3];                      /* unit; of parallel light */
     double power[3];                         /* of red, green and blue */
     double reference_m;                      /* distance from a lamp where power holds */
+    double cone[2]; /* cosines of a spot's inner and outer angle by the file; equal: no border */
 };
 
 /* Parallel light of power 1 from the setup's direction. */
