@@ -36,10 +36,10 @@ enum umbs_section {
     UMBS_SECTION_LIGHTS,
     UMBS_SECTION_TEXTURES,
     UMBS_SECTION_POSITIONS,
-    UMBS_SECTION_UVS,     /* vertex_count or none */
-    UMBS_SECTION_NORMALS, /* vertex_count or none */
+    UMBS_SECTION_UVS, /* vertex_count or none */
     UMBS_SECTION_TRIANGLES,
     UMBS_SECTION_ALPHA,
+    UMBS_SECTION_NORMALS,  /* vertex_count or none */
     UMBS_SECTION_WARNINGS, /* with its NUL */
     UMBS_SECTION_COUNT
 };

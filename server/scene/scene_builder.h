@@ -40,9 +40,9 @@ struct umbs_scene_builder {
             struct umbs_array textures;  /* struct umbs_texture */
             struct umbs_array positions; /* double[3] */
             struct umbs_array uvs;       /* float[2]: none, or as many as positions */
-            struct umbs_array normals;   /* float[3]: at most as many; the rest has none */
             struct umbs_array triangles; /* uint32_t[3] */
             struct umbs_array alpha;     /* uint8_t */
+            struct umbs_array normals;   /* float[3], at most as many as positions */
             struct umbs_array warnings;  /* char, without a NUL */
         };
         struct umbs_array sections[UMBS_SECTION_COUNT];

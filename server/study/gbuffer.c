@@ -117,7 +117,7 @@ static void sample_trace(void *user, size_t index)
     umbt_gbuffer_direction(buffer, fill->camera, fill->height, index, direction);
 
     struct umbr_hit hit = {.distance = -1.0};
-    umbr_nearest(fill->scene->seen->rays, eye, direction, 0.0, fill->far_m, &hit);
+    umbr_nearest(umbt_seen_rays(fill->scene), eye, direction, 0.0, fill->far_m, &hit);
     buffer->triangles[index] = UMBT_SKY;
     ground_meet(fill, index, direction, hit.distance);
     if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count ||

@@ -80,7 +80,7 @@ static enum umb_status sample_search(const struct search *search, size_t sample,
     double direction[3];
     umbt_gbuffer_direction(search->buffer, search->camera, search->height, sample, direction);
     const size_t count =
-        umbr_layers_find(search->scene->seen->layers, eye, direction,
+        umbr_layers_find(umbt_seen_layers(search->scene), eye, direction,
                          opaque_distance(search, sample), LEAST_LIGHT, found, LAYERS_MAX);
     UMB__TRY(list_reserve(list, count, error));
     for (size_t i = 0; i < count; i++) {
@@ -181,7 +181,7 @@ enum umb_status umbt_gbuffer_add_layers(struct umbt_gbuffer *buffer, const struc
     const size_t blocks = (samples + BLOCK - 1) / BLOCK;
     struct search search = {buffer, scene, camera, height, far_m, NULL};
     size_t total = 0;
-    if (scene->seen->layers == NULL) {
+    if (umbt_seen_layers(scene) == NULL) {
         return UMB_OK;
     }
     search.lists = calloc(blocks + 1, sizeof *search.lists);

@@ -507,7 +507,7 @@ static enum umb_status frame_init(struct frame *frame, uint32_t rows, struct umb
 static uint32_t band_rows(const struct umbt_picture_request *request, size_t row_samples)
 {
     const int is_small =
-        request->lights[0].truth != NULL || request->setup->scene->seen->layers != NULL;
+        request->lights[0].truth != NULL || umbt_seen_layers(request->setup->scene) != NULL;
     const uint32_t rows = (uint32_t)((is_small ? BAND_TRACED : BAND_SAMPLES) / row_samples);
     return rows < 1 ? 1 : rows > request->size[1] ? request->size[1] : rows;
 }

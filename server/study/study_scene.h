@@ -26,7 +26,7 @@ struct umbt_scene {
     size_t count;            /* number of triangles, at least 1 */
     struct umbs_parts parts;
     struct umbt_tracer casts;       /* for rays of light: casters as the flags take them */
-    const struct umbt_tracer *seen; /* for rays of cameras: `casts` or `as_file` */
+    const struct umbt_tracer *seen; /* for rays of cameras: `casts` or `as_file`; NULL: `rays` */
     struct umbt_tracer as_file;     /* zeroed unless SCENE_SEEN makes another of it */
     struct umbr_rays *rays;         /* casts.rays, borrowed */
     struct umb_box box;             /* bounds of all triangles */
@@ -39,6 +39,17 @@ struct umbt_scene {
     int by_material;       /* 1: surfaces are distinguished by material, 0: by part */
     uint32_t main_surface; /* the material or part of the largest area */
 };
+
+/* Surfaces that cameras see: the opaque ones, and the translucent ones or NULL. */
+static inline const struct umbr_rays *umbt_seen_rays(const struct umbt_scene *scene)
+{
+    return scene->seen != NULL ? scene->seen->rays : scene->rays;
+}
+
+static inline const struct umbr_layers *umbt_seen_layers(const struct umbt_scene *scene)
+{
+    return scene->seen != NULL ? scene->seen->layers : NULL;
+}
 
 /* Returns 1 if a plan says that an effect is on. Material names in the reasons do not count. */
 int umbt_plan_has(const char *plan, const char *effect);
