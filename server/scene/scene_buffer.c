@@ -19,7 +19,7 @@
 _Static_assert(sizeof(struct umbs_scene_header) == 216, "header without padding");
 _Static_assert(sizeof(struct umbs_mesh) == 24, "mesh without padding");
 _Static_assert(sizeof(struct umbs_instance) == 104, "instance without padding");
-_Static_assert(sizeof(struct umbs_material) == 100, "material without padding");
+_Static_assert(sizeof(struct umbs_material) == 104, "material without padding");
 _Static_assert(sizeof(struct umbs_light) == 176, "light without padding");
 _Static_assert(sizeof(struct umbs_texture) == 96, "texture without padding");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over little-endian bytes");
@@ -305,6 +305,8 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
             rule = "texture beyond texture_count";
         } else if (!in_range((double)material->transmission, 0.0, 1.0)) {
             rule = "transmission is not in 0..1";
+        } else if (material->has_image > 1) {
+            rule = "has_image is not 0 or 1";
         }
         for (int k = 0; k < 3; k++) {
             if (!in_range((double)material->base_color[k], 0.0, 1.0)) {

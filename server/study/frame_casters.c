@@ -49,16 +49,25 @@ struct framing {
     double corner[2], side; /* square that holds the plan, metres */
 };
 
-/* Returns 1 if light that a triangle stops would meet another surface that faces it. Solids do not
+/* Moves a place off its surface, to the side where the unit vector `side` points. */
+static void lift(const struct umbt_scene *scene, const double at[3], const double normal[3],
+                 const double side[3], double start[3])
+{
+    const double way = LIFT * scene->diagonal_m;
+    umbt_along(at, umb__dot(normal, side) < 0.0 ? -way : way, normal, start);
+}
+
+/* Returns 1 if light that a surface stops would meet another surface that faces it. Solids do not
  * count as receivers of their own shadow inside. */
-static int casts(const struct umbt_scene *scene, const double from[3], const double to_light[3])
+static int casts(const struct umbt_scene *scene, const double at[3], const double normal[3],
+                 const double to_light[3])
 {
     double away[3], start[3];
     struct umbr_hit hit;
     for (int k = 0; k < 3; k++) {
         away[k] = -to_light[k];
     }
-    umbt_along(from, LIFT * scene->diagonal_m, away, start);
+    lift(scene, at, normal, away, start);
     umbr_nearest(scene->rays, start, away, 0.0, INFINITY, &hit);
     if (!(hit.distance >= 0.0)) {
         return 0;
@@ -66,10 +75,11 @@ static int casts(const struct umbt_scene *scene, const double from[3], const dou
     return !scene->parts.closed[hit.triangle] || umb__dot(hit.normal, to_light) > 0.0;
 }
 
-static int is_shadowed(const struct umbt_scene *scene, const double at[3], const double to_light[3])
+static int is_shadowed(const struct umbt_scene *scene, const double at[3], const double normal[3],
+                       const double to_eye[3], const double to_light[3])
 {
     double start[3];
-    umbt_along(at, LIFT * scene->diagonal_m, to_light, start);
+    lift(scene, at, normal, to_eye, start);
     return umbr_occluded(scene->rays, start, to_light, 0.0, INFINITY);
 }
 
@@ -93,12 +103,14 @@ static void casters_find(struct framing *f)
     f->count = 0;
     for (size_t i = 0; i < scene->count; i += step) {
         const double(*corners)[3] = (const double(*)[3])scene->corners[i];
-        double middle[3];
+        double middle[3], normal[3];
         for (int k = 0; k < 3; k++) {
             middle[k] = (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0;
         }
+        umb__triangle_cross(corners, normal);
+        (void)umbt_normalize(normal);
         if (f->measure == THINGS ? is_thing(f, (uint32_t)i)
-                                 : casts(scene, middle, f->whole->to_light)) {
+                                 : casts(scene, middle, normal, f->whole->to_light)) {
             f->casters[f->count++] = (struct caster){{middle[f->axes[0]], middle[f->axes[1]]}};
         }
     }
@@ -110,7 +122,7 @@ static double share_of(const struct framing *f, const struct umbt_camera *camera
     const double *to_light = f->whole->to_light;
     size_t found = 0;
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
-        double direction[3], at[3];
+        double direction[3], at[3], to_eye[3];
         struct umbr_hit hit;
         umbt_camera_ray(camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT, direction);
         umbr_nearest(f->scene->rays, camera->eye, direction, 0.0, INFINITY, &hit);
@@ -118,10 +130,13 @@ static double share_of(const struct framing *f, const struct umbt_camera *camera
             continue;
         }
         umbt_along(camera->eye, hit.distance, direction, at);
-        umbt_along(at, -LIFT * f->scene->diagonal_m, direction, at);
+        for (int k = 0; k < 3; k++) {
+            to_eye[k] = -direction[k];
+        }
         found += (size_t)(f->measure == THINGS
-                     ? is_thing(f, hit.triangle)
-                     : is_shadowed(f->scene, at, to_light) || casts(f->scene, at, to_light));
+                              ? is_thing(f, hit.triangle)
+                              : is_shadowed(f->scene, at, hit.normal, to_eye, to_light) ||
+                                    casts(f->scene, at, hit.normal, to_light));
     }
     return (double)found / (WIDTH * HEIGHT);
 }

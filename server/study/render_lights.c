@@ -2,6 +2,7 @@
 /* The lights of a rendered picture; see render_lights.h. */
 #include "study/render_lights.h"
 
+#include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
 
@@ -23,7 +24,7 @@ enum umb_status umbt_read_light(const struct umbu_option *option, const char *te
     return UMB_OK;
 }
 
-/* Decides which lights are drawn, once the first is open. */
+/* Decides which lights are drawn, in the order of their numbers, once the first is open. */
 static void lights_choose(struct umbt_render_lights *lights, const struct umbt_light_list *wanted,
                           int one)
 {
@@ -35,6 +36,12 @@ static void lights_choose(struct umbt_render_lights *lights, const struct umbt_l
     }
 }
 
+static int compare_numbers(const void *a, const void *b)
+{
+    const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return (x > y) - (x < y);
+}
+
 enum umb_status umbt_render_lights_open(struct umbt_render_lights *lights,
                                         const struct umbt_light_list *wanted, int one,
                                         const char *asset, const struct umbu_session *daemon,
@@ -42,14 +49,16 @@ enum umb_status umbt_render_lights_open(struct umbt_render_lights *lights,
                                         struct umb_error *error)
 {
     struct umb_query_settings first = *settings;
+    struct umbt_light_list sorted = *wanted;
     struct umbt_shadow_source *sources = lights->sources;
     memset(lights, 0, sizeof *lights);
-    first.light = wanted->count > 0 ? wanted->numbers[0] : 0;
+    qsort(sorted.numbers, sorted.count, sizeof sorted.numbers[0], compare_numbers);
+    first.light = sorted.count > 0 ? sorted.numbers[0] : 0;
     enum umb_status status = umbt_shadow_source_open(&sources[0], asset, daemon, &first, error);
     if (status != UMB_OK) {
         return status;
     }
-    lights_choose(lights, wanted, one);
+    lights_choose(lights, &sorted, one);
     for (uint32_t i = 1; i < lights->count && status == UMB_OK; i++) {
         status = umbt_shadow_source_of_light(&sources[i], &sources[0], lights->numbers[i], error);
     }

@@ -45,14 +45,16 @@ static int smooth_normal(const struct umbt_scene *scene, uint32_t triangle,
 
 static struct umbt_rgb surface_color(const struct umbt_scene *scene, uint32_t triangle)
 {
-    const struct umbs_scene_view *view = &scene->scene->view;
-    const uint32_t material = scene->materials[triangle];
-    struct umbt_rgb color = {{0.6 * white, 0.6 * white, 0.6 * white}};
-    if (!scene->has_colors) {
-        return umbt_surface_color(umbt_scene_surface_key(scene, triangle));
+    const uint32_t number = scene->materials[triangle];
+    const struct umbs_material *material =
+        number != UMBS_NO_INDEX ? &scene->scene->view.materials[number] : NULL;
+    struct umbt_rgb color = umbt_surface_color(umbt_scene_surface_key(scene, triangle));
+    if (!scene->has_colors || material == NULL) {
+        return color;
     }
-    for (int k = 0; k < 3 && material != UMBS_NO_INDEX; k++) {
-        color.c[k] = white * (double)view->materials[material].base_color[k];
+    for (int k = 0; k < 3; k++) {
+        const double base = (double)material->base_color[k];
+        color.c[k] = material->has_image ? base * color.c[k] : base * white;
     }
     return color;
 }

@@ -5,8 +5,9 @@
  * How the surface at a receiver looks: its colour, and the normal that light is shaded by.
  *
  * Where the scene file has normals, shading interpolates them; queries and rays always take the
- * triangle's own. Where a material of the file has a colour or a picture of it, surfaces have the
- * file's colours; else they have those of umbt_surface_color, by material or by part.
+ * triangle's own. Where colours of the file tell materials apart, surfaces have these; else they
+ * have those of umbt_surface_color, by material or by part. Images are not read: a material whose
+ * colour is in one has a colour of umbt_surface_color times its factor.
  */
 #include "study/gbuffer.h"
 #include "study/picture.h"

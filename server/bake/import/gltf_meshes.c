@@ -159,6 +159,8 @@ static enum umb_status read_material(struct umbb_gltf *gltf, const json_t *json,
     for (int k = 0; k < 3; k++) {
         material.base_color[k] = (float)clamp_unit(color[k]);
     }
+    material.has_image =
+        info != NULL || json_object_get(metallic, "baseColorTexture") != NULL;
     material.transmission =
         (float)clamp_unit(umbb_gltf_number(transmission, "transmissionFactor", 0.0));
     if (material.transmission > 0.0F &&

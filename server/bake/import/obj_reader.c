@@ -121,6 +121,7 @@ struct current {
     int has_map;
     struct umbb_cursor map; /* rest of the line of map_d */
     float color[3];         /* from Kd, linear */
+    int has_image;          /* 1: map_Kd was given */
 };
 
 /* Options of a map. An option of several words takes fewer where the next word is no number. */
@@ -218,6 +219,7 @@ static enum umb_status store(struct obj *obj, const struct current *current,
     struct umbs_material *material = &materials[current->index];
     material->base_alpha = (float)current->dissolve;
     memcpy(material->base_color, current->color, sizeof current->color);
+    material->has_image = (uint32_t)current->has_image;
     material->alpha_mode = current->dissolve < 1.0 ? UMBS_ALPHA_BLEND
                            : current->has_map      ? UMBS_ALPHA_MASK
                                                    : UMBS_ALPHA_OPAQUE;
@@ -259,6 +261,8 @@ static enum umb_status read_materials(struct obj *obj, const struct umbb_file *f
             set_alpha(obj, &current, &line, 0);
         } else if (umbb_is_word(word, "Kd")) {
             set_color(&current, &line);
+        } else if (umbb_is_word(word, "map_Kd")) {
+            current.has_image = 1;
         } else if (umbb_is_word(word, "map_d")) {
             current.has_map = 1;
             current.map = line;
