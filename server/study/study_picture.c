@@ -289,13 +289,32 @@ static struct umbt_rgb sample_shade(const struct frame *frame, size_t pixel, uin
     }
 }
 
+/* Returns 1 if a pixel may be part of a slow gradient, which is dithered against bands. Flat facets
+ * under parallel light are not. */
+static int is_gradient(const struct frame *frame, size_t pixel)
+{
+    const struct umbt_picture_request *request = frame->request;
+    const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa;
+    int found = request->fog != NULL || request->setup->scene->normals != NULL;
+    for (uint32_t i = 0; i < request->light_count; i++) {
+        found |= request->lights[i].lamp != NULL;
+    }
+    for (uint32_t k = 0; k < per_pixel && !found; k++) {
+        const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
+        found = slot == UMBT_SKY || frame->buffer.triangles[slot] == UMBT_GROUND ||
+                slot >= frame->buffer.first_layer;
+    }
+    return found;
+}
+
 /* The pixel's colour of the asset or of the rays, 8-bit sRGB. */
 static void pixel_shade(const struct frame *frame, size_t pixel, int traced, struct umbt_rgb sky,
                         uint8_t out[3])
 {
     const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa, width = frame->buffer.width;
-    const double threshold = umbt_dither((uint32_t)(pixel % width),
-                                         frame->buffer.first_row + (uint32_t)(pixel / width));
+    const uint32_t row = frame->buffer.first_row + (uint32_t)(pixel / width);
+    const double threshold =
+        is_gradient(frame, pixel) ? umbt_dither((uint32_t)(pixel % width), row) : 0.5;
     double sum[3] = {0.0, 0.0, 0.0};
     for (uint32_t k = 0; k < per_pixel; k++) {
         const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
