@@ -7,8 +7,8 @@
 #include "base/memory.h"
 
 struct umbr_layers {
-    struct umbr_rays *rays;      /* over the translucent triangles alone */
-    uint32_t *triangles;         /* [number of them] index in the scene */
+    struct umbr_rays *rays; /* over the translucent triangles alone */
+    uint32_t *triangles;    /* [number of them] index in the scene */
     const struct umbs_cuts *cuts;
 };
 
@@ -46,7 +46,8 @@ enum umb_status umbr_layers_build(const double (*corners)[3][3], size_t count,
     if (layers == NULL || chosen == NULL || triangles == NULL) {
         umb__free(NULL, triangles);
         umb__free(NULL, layers);
-        status = umb_fail(error, UMB_E_NO_MEMORY, "no memory for %zu translucent triangles", wanted);
+        status =
+            umb_fail(error, UMB_E_NO_MEMORY, "no memory for %zu translucent triangles", wanted);
     } else {
         size_t at = 0;
         for (size_t i = 0; i < count; i++) {
@@ -56,8 +57,8 @@ enum umb_status umbr_layers_build(const double (*corners)[3][3], size_t count,
             }
         }
         *layers = (struct umbr_layers){.triangles = triangles, .cuts = cuts};
-        status = umbr_rays_build((const double(*)[3][3])chosen, wanted, &options, &layers->rays,
-                                 error);
+        status =
+            umbr_rays_build((const double(*)[3][3])chosen, wanted, &options, &layers->rays, error);
         if (status == UMB_OK) {
             *out = layers;
         } else {
@@ -94,7 +95,7 @@ static double opacity_at(const struct umbr_layers *layers, const struct umbr_cro
 /* A walk along a ray. */
 struct walk {
     const struct umbr_layers *layers;
-    double left, least; /* share of light: so far, and where the walk ends */
+    double left, least;       /* share of light: so far, and where the walk ends */
     struct umbr_layer *found; /* [max], or NULL: only the product is wanted */
     size_t count, max;
 };

@@ -61,7 +61,7 @@ struct umbr_verify_options {
     uint64_t points; /* Number of points or volume queries; 0 = 1 million */
     enum umbr_verify_kind kind;
     uint64_t seed;
-    const uint8_t *closed;  /* [triangle count] not 0: of a closed part; NULL = no closed parts */
+    const uint8_t *closed; /* [triangle count] not 0: of a closed part; NULL = no closed parts */
     /* Translucent casters for points of assets with the effect transmittance; NULL: none */
     const struct umbr_layers *layers;
     unsigned threads;       /* 0 = all */

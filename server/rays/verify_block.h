@@ -26,9 +26,9 @@ struct umbr_verify_job {
     double origin[3];                /* origin of the asset, world */
     struct umb_box bounds;           /* bounds of the casters, world */
     double free_m;                   /* metres: distance from a lamp within which nothing casts */
-    struct umb_query query;       /* opaque casters only */
-    struct umb_query light_query; /* with translucent ones, if texel is not 0 */
-    int32_t texel;                /* width in voxels of a map of translucent casters; 0: not judged */
+    struct umb_query query;          /* opaque casters only */
+    struct umb_query light_query;    /* with translucent ones, if texel is not 0 */
+    int32_t texel;            /* width in voxels of a map of translucent casters; 0: not judged */
     struct umb_volume volume; /* Target of segments, columns and boxes */
     int is_static;            /* baked under the static rule */
 };

@@ -4,8 +4,9 @@
  * the surfaces that a ray to the light meets.
  *
  * An answer of one tap is a mean over texels of a transmittance map around the point, each asked at
- * the point's depth. So it is right if it equals the product at the point's voxel, or lies between
- * the least and the greatest product at the middles of those texels and within a voxel of the point.
+ * the point's depth. So it is right if it equals the product at the point's voxel. It is also right
+ * between the least and the greatest product at the middles of those texels and within a voxel of
+ * the point.
  */
 #include "rays/verify_block.h"
 

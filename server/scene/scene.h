@@ -45,8 +45,8 @@ struct umbs_material {
     float base_alpha;      /* 0..1, factor on the texture's alpha */
     uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
     float transmission;    /* 0..1, share of the light that passes through the surface */
-    /* For pictures only, never hashed: linear red, green and blue, 0..1, and 1 if an image, which is
-     * not read, gives the colour. */
+    /* For pictures only, never hashed: linear red, green and blue, 0..1; and 1 if an image, which
+     * is not read, gives the colour. */
     float base_color[3];
     uint32_t has_image;
 };

@@ -11,17 +11,17 @@
 enum {
     WIDTH = 96, /* pixels of the coarse picture */
     HEIGHT = 54,
-    LEVELS = 14,       /* squares of 1/2 to 1/2^14 of the plan's side */
+    LEVELS = 14,        /* squares of 1/2 to 1/2^14 of the plan's side */
     CANDIDATES = 65536, /* triangles that are asked whether they cast */
 };
 
-#define ENOUGH     0.04 /* share of shadow at which the whole scene is shown */
-#define FEW_TIMES  3.0  /* a part must show so many times the whole scene's share */
-#define BEST_SHARE 0.6  /* and of the best part's share at least this */
+#define ENOUGH     0.04  /* share of shadow at which the whole scene is shown */
+#define FEW_TIMES  3.0   /* a part must show so many times the whole scene's share */
+#define BEST_SHARE 0.6   /* and of the best part's share at least this */
 #define LONG_SHARE 0.125 /* share of the plan's side from which on an edge is long */
-#define MOST       0.5 /* share of the casters that a part by shadow must hold */
-#define CASTERS    100 /* least number of them */
-#define LIFT       1e-5 /* start of rays off their surface, in diagonals of the scene */
+#define MOST       0.5   /* share of the casters that a part by shadow must hold */
+#define CASTERS    100   /* least number of them */
+#define LIFT       1e-5  /* start of rays off their surface, in diagonals of the scene */
 
 /* What counts in a picture. */
 enum measure {
@@ -178,7 +178,8 @@ static uint32_t square_find(const struct framing *f, int level, struct cell *cel
         cell->count++;
     }
     for (size_t i = 0; i <= mask; i++) {
-        const int64_t x = (int64_t)((cells[i].key - 1) >> 32), y = (int64_t)(uint32_t)(cells[i].key - 1);
+        const int64_t x = (int64_t)((cells[i].key - 1) >> 32),
+                      y = (int64_t)(uint32_t)(cells[i].key - 1);
         for (int k = 0; k < 4 && cells[i].key != 0; k++) {
             const int64_t left = x - (k & 1), low = y - (k >> 1);
             uint32_t sum = 0;
@@ -249,10 +250,9 @@ static int is_better(const struct framing *f, const struct part *part, double wh
                      double best)
 {
     const double enough = fmin(BEST_SHARE * best, good_share[f->measure]);
-    return part->share > 0.0 && part->share >= enough &&
-           part->share >= FEW_TIMES * whole_share &&
-           (f->measure == THINGS ||
-            (best >= good_share[SHADOW] && part->inside >= CASTERS && part->inside >= MOST * (double)f->count));
+    return part->share > 0.0 && part->share >= enough && part->share >= FEW_TIMES * whole_share &&
+           (f->measure == THINGS || (best >= good_share[SHADOW] && part->inside >= CASTERS &&
+                                     part->inside >= MOST * (double)f->count));
 }
 
 /* Measures the parts, the widest first. Out: chosen: the one to show; share 0: none. */

@@ -4,17 +4,17 @@
 /*
  * Framing: the part of a scene that a fitted camera shows.
  *
- * Most scenes are shown whole. A few houses on a plain of kilometres, or a town and a stray triangle
- * far away, would be a speck: then the camera is fitted to a part. Two shares of a coarse picture
- * decide, by rays:
+ * Most scenes are shown whole. A few houses on a plain of kilometres, or a town and a stray
+ * triangle far away, would be a speck: then the camera is fitted to a part. Two shares of a coarse
+ * picture decide, by rays:
  *
  * - shadow: pixels in shadow, and those whose surface casts on another one
  * - things: pixels of triangles that are short beside the plan, unlike a ground's
  *
- * The whole scene is shown if its share of shadow is 4 %. Else the camera takes a part by things, if
- * their share is below 3 %, or by shadow, if most casters stand close together. Parts are squares of
- * the ground plan, each with a quarter of the area of the one before, where most candidates are. The
- * widest one with 3 % of things, or 12 % of shadow, is shown.
+ * The whole scene is shown if its share of shadow is 4 %. Else the camera takes a part by things,
+ * if their share is below 3 %, or by shadow, if most casters stand close together. Parts are
+ * squares of the ground plan, each with a quarter of the area of the one before, where most
+ * candidates are. The widest one with 3 % of things, or 12 % of shadow, is shown.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"

@@ -101,8 +101,9 @@ static void ground_meet(const struct fill *fill, size_t index, const double dire
     umbt_along(eye, way, direction, buffer->positions[index]);
     buffer->positions[index][ground->axis] = ground->height;
     for (int k = 0; k < 3; k++) {
-        buffer->normals[index][k] =
-            k != ground->axis ? 0.0F : eye[ground->axis] < ground->height ? -1.0F : 1.0F;
+        buffer->normals[index][k] = k != ground->axis                    ? 0.0F
+                                    : eye[ground->axis] < ground->height ? -1.0F
+                                                                         : 1.0F;
     }
     buffer->triangles[index] = UMBT_GROUND;
 }

@@ -15,7 +15,7 @@
 #include "study/camera.h"
 #include "study/study_scene.h"
 
-#define UMBT_SKY    UINT32_MAX         /* no receiver */
+#define UMBT_SKY    UINT32_MAX        /* no receiver */
 #define UMBT_GROUND (UINT32_MAX - 1U) /* in place of a triangle: the plane of struct umbt_ground */
 
 /* A level opaque plane below a scene, which cameras see and which casts nothing. */

@@ -53,8 +53,7 @@ static int is_same(const struct umbt_picture_light *light, const struct umbs_lig
 {
     const int is_lamp = light->lamp != NULL;
     double off = 0.0;
-    if (is_lamp ? file->kind != (uint32_t)light->lamp->kind
-                : file->kind != UMB_LIGHT_DIRECTIONAL) {
+    if (is_lamp ? file->kind != (uint32_t)light->lamp->kind : file->kind != UMB_LIGHT_DIRECTIONAL) {
         return 0;
     }
     for (int k = 0; k < 3; k++) {
@@ -77,9 +76,9 @@ static int powers_take(const struct umbs_scene_view *file, double diagonal_m,
     }
     for (uint32_t i = 0; i < count; i++) {
         for (int k = 0; k < 3; k++) {
-            lights[i].power[k] = known ? file->lights[numbers[i]].intensity *
-                                             file->lights[numbers[i]].color[k]
-                                       : 1.0;
+            lights[i].power[k] =
+                known ? file->lights[numbers[i]].intensity * file->lights[numbers[i]].color[k]
+                      : 1.0;
         }
         lights[i].reference_m = lights[i].lamp != NULL ? 1.0 : 0.0;
         if (known && file->lights[numbers[i]].kind == UMB_LIGHT_SPOT) {

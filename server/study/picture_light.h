@@ -5,10 +5,11 @@
  * The lights of a picture, and how much of each reaches a receiver.
  *
  * A receiver gets power * cosine from parallel light, and power * cosine * (reference / distance)^2
- * from a lamp; of a spot light less towards the border of its cone. Where the scene file has the asset's lights, in the same order, powers are in
- * proportion to the file's intensities (lux, candela) and have its colours. Else each light is as
- * bright as every other. All powers are then scaled together: 15 % of the points that the camera
- * sees would get more than 1 if no surface cast a shadow. A single sun keeps the power 1.
+ * from a lamp; of a spot light less towards the border of its cone. Where the scene file has the
+ * asset's lights, in the same order, powers are in proportion to the file's intensities (lux,
+ * candela) and have its colours. Else each light is as bright as every other. All powers are then
+ * scaled together: 15 % of the points that the camera sees would get more than 1 if no surface cast
+ * a shadow. A single sun keeps the power 1.
  */
 #include "study/gbuffer.h"
 #include "study/setup.h"

@@ -81,8 +81,7 @@ static const struct umbu_option TRACED[] = {
      "takes the shadows from rays instead of the asset; translucent casters take their share of "
      "a ray's light if the asset was baked with them",
      UMBU_FLAG, AT(is_traced), .excludes = "compare"},
-    {"compare", NULL,
-     "draws both, and prints how they differ where the surface faces the light",
+    {"compare", NULL, "draws both, and prints how they differ where the surface faces the light",
      UMBU_FLAG, AT(compare)},
     {"difference", "FILE",
      "PNG file of the difference: red where the asset is lighter, blue where it is darker",
@@ -222,8 +221,7 @@ static enum umb_status truths_check(const struct render *render, struct umb_erro
             (truth->lamp != NULL || !(truth->extent > 0))) {
             return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is %s",
                             render->lights.numbers[i],
-                            truth->lamp != NULL ? "not directional"
-                                                : "a point; give --light-size");
+                            truth->lamp != NULL ? "not directional" : "a point; give --light-size");
         }
     }
     return UMB_OK;
@@ -345,9 +343,9 @@ static void report_text(FILE *to, const void *state)
     fprintf(to, "load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
     if (!render->is_traced) {
         fprintf(to, ", asset %.2f s (%.2f Mpoints/s)", result->query_s,
-                result->query_s > 0.0 ? 1e-6 * (double)result->receivers * render->lights.count /
-                                           result->query_s
-                                     : 0.0);
+                result->query_s > 0.0
+                    ? 1e-6 * (double)result->receivers * render->lights.count / result->query_s
+                    : 0.0);
     }
     if (render->is_traced || render->compare) {
         fprintf(to, ", rays %.2f s", result->trace_s);
@@ -373,10 +371,11 @@ static void report_json(struct umbu_json *json, const void *state)
                      {"width", render->common.size[0]}, {"height", render->common.size[1]},
                      {"samples", result->samples}, {"seen", result->seen},
                      {"receivers", result->receivers}, {"translucent", result->translucent},
-                     {"lights", render->lights.count}, {"facing", result->facing}, {"taps", render->settings.taps},
-                     {"outside", result->stats.outside}, {"before", result->stats.before},
-                     {"behind", result->stats.behind}, {"facing_away", result->stats.facing_away},
-                     {"nodes", result->stats.nodes}, {"bricks", result->stats.bricks});
+                     {"lights", render->lights.count}, {"facing", result->facing},
+                     {"taps", render->settings.taps}, {"outside", result->stats.outside},
+                     {"before", result->stats.before}, {"behind", result->stats.behind},
+                     {"facing_away", result->stats.facing_away}, {"nodes", result->stats.nodes},
+                     {"bricks", result->stats.bricks});
     UMBU_JSON_VALUES(json, 6, {"load_s", render->load_s}, {"surface_s", result->gbuffer_s},
                      {"query_s", result->query_s}, {"trace_s", result->trace_s});
     if (render->compare) {

@@ -79,13 +79,12 @@ void umbt_render_lights_close(struct umbt_render_lights *lights)
 void umbt_direction_to(const struct umb_light_info *light, int z_up, double to_light[3])
 {
     for (int k = 0; k < 3; k++) {
-        to_light[k] =
-            light->kind == UMB_LIGHT_POINT ? k == (z_up ? 2 : 1) : -light->direction[k];
+        to_light[k] = light->kind == UMB_LIGHT_POINT ? k == (z_up ? 2 : 1) : -light->direction[k];
     }
 }
 
-static void truth_set(struct umbt_render_lights *lights, uint32_t i,
-                      const struct umbt_scene *scene, enum umbt_truth_kind kind, uint32_t samples)
+static void truth_set(struct umbt_render_lights *lights, uint32_t i, const struct umbt_scene *scene,
+                      enum umbt_truth_kind kind, uint32_t samples)
 {
     const struct umbt_shadow_source *source = &lights->sources[i];
     const struct umb_light_info *light = &source->light;
@@ -110,11 +109,11 @@ void umbt_render_lights_set(struct umbt_render_lights *lights, const struct umbt
     for (uint32_t i = 0; i < lights->count; i++) {
         const struct umb_light_info *light = &lights->sources[i].light;
         struct umbt_picture_light *part = &lights->lights[i];
-        *part = (struct umbt_picture_light){
-            .source = &lights->sources[i],
-            .truth = &lights->truths[i],
-            .lamp = light->kind != UMB_LIGHT_DIRECTIONAL ? light : NULL,
-            .power = {1.0, 1.0, 1.0}};
+        *part =
+            (struct umbt_picture_light){.source = &lights->sources[i],
+                                        .truth = &lights->truths[i],
+                                        .lamp = light->kind != UMB_LIGHT_DIRECTIONAL ? light : NULL,
+                                        .power = {1.0, 1.0, 1.0}};
         umbt_direction_to(light, z_up, part->to_light);
         truth_set(lights, i, scene, kind, samples);
     }

@@ -38,12 +38,10 @@ enum umb_status umbt_read_light(const struct umbu_option *option, const char *te
  * Out:   lights: close it. truths and lights are set by umbt_render_lights_set.
  * Fails: the errors of umbt_shadow_source_open.
  */
-UMB_CHECKED enum umb_status umbt_render_lights_open(struct umbt_render_lights *lights,
-                                                    const struct umbt_light_list *wanted, int one,
-                                                    const char *asset,
-                                                    const struct umbu_session *daemon,
-                                                    const struct umb_query_settings *settings,
-                                                    struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbt_render_lights_open(struct umbt_render_lights *lights, const struct umbt_light_list *wanted,
+                        int one, const char *asset, const struct umbu_session *daemon,
+                        const struct umb_query_settings *settings, struct umb_error *error);
 void umbt_render_lights_close(struct umbt_render_lights *lights); /* a zeroed one is allowed */
 
 /*

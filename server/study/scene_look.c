@@ -77,8 +77,8 @@ static enum umb_status normals_find(struct umbt_scene *scene, struct umb_error *
     return UMB_OK;
 }
 
-/* 1 if two used materials differ in colour, or the only colour is not a grey. Materials whose colour
- * is in an image do not count. */
+/* 1 if two used materials differ in colour, or the only colour is not a grey. Materials whose
+ * colour is in an image do not count. */
 static int has_colors(const struct umbt_scene *scene)
 {
     const struct umbs_scene_view *view = &scene->scene->view;
@@ -87,8 +87,7 @@ static int has_colors(const struct umbt_scene *scene)
         const uint32_t number = view->meshes[view->instances[i].mesh].material;
         const struct umbs_material *material =
             number != UMBS_NO_INDEX ? &view->materials[number] : NULL;
-        const float *color =
-            material != NULL && !material->has_image ? material->base_color : NULL;
+        const float *color = material != NULL && !material->has_image ? material->base_color : NULL;
         for (int k = 0; color != NULL && k < 3; k++) {
             const float *other = first != NULL ? first : color;
             if (fabsf(color[k] - color[(k + 1) % 3]) > SAME_COLOR ||

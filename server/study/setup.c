@@ -129,9 +129,8 @@ enum umb_status umbt_setup_camera(struct umbt_setup *setup,
         umbt_subject(setup->scene, setup->to_light, setup->z_up);
     struct umbt_camera_subject subject;
     double(*points)[3];
-    UMB__TRY(
-        umbt_frame_casters(setup->scene, request, &whole, size, setup->with_ground,
-                                &subject, &points, error));
+    UMB__TRY(umbt_frame_casters(setup->scene, request, &whole, size, setup->with_ground, &subject,
+                                &points, error));
     const enum umb_status status =
         umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
     free(points);

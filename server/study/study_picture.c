@@ -276,8 +276,7 @@ static struct umbt_rgb sample_shade(const struct frame *frame, size_t pixel, uin
     double left = 1.0;
     for (;;) {
         const struct umbt_rgb color = receiver_shade(frame, pixel, slot, traced, sky);
-        const double opacity =
-            slot == UMBT_SKY ? 1.0 : umbt_gbuffer_opacity(&frame->buffer, slot);
+        const double opacity = slot == UMBT_SKY ? 1.0 : umbt_gbuffer_opacity(&frame->buffer, slot);
         for (int c = 0; c < 3; c++) {
             sum.c[c] += left * opacity * color.c[c];
         }

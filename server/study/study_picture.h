@@ -57,7 +57,7 @@ void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double
 
 struct umbt_picture_request {
     const struct umbt_setup *setup;
-    uint32_t size[2];                       /* pixels */
+    uint32_t size[2];                        /* pixels */
     const struct umbt_picture_light *lights; /* [light_count], at least 1, borrowed */
     uint32_t light_count;
     const struct umbt_fog *fog; /* of the first light; NULL: clear air. Seen in `asset` only */

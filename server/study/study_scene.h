@@ -30,7 +30,7 @@ struct umbt_scene {
     struct umbt_tracer as_file;     /* zeroed unless SCENE_SEEN makes another of it */
     struct umbr_rays *rays;         /* casts.rays, borrowed */
     struct umb_box box;             /* bounds of all triangles */
-    double diagonal_m;  /* diagonal of the box */
+    double diagonal_m;              /* diagonal of the box */
     /* [count] unit normals of the corners, world, on the front of the triangle; all 0: the file has
      * none there. NULL: none at all */
     float (*normals)[3][3];

@@ -76,8 +76,8 @@ void umbt_receiver_surface(const struct umbt_scene *scene, const struct umbt_gbu
     }
 }
 
-struct umbt_ground umbt_ground_below(const struct umbt_scene *scene, const struct umbt_camera *camera,
-                                     int z_up)
+struct umbt_ground umbt_ground_below(const struct umbt_scene *scene,
+                                     const struct umbt_camera *camera, int z_up)
 {
     const int axis = z_up ? 2 : 1;
     const double foot = scene->box.min[axis];

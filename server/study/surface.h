@@ -23,8 +23,8 @@ void umbt_receiver_surface(const struct umbt_scene *scene, const struct umbt_gbu
 
 /* Makes a ground below a scene: level with its lowest point. reach_m: metres from the eye in which
  * the ground fades into the sky. */
-struct umbt_ground umbt_ground_below(const struct umbt_scene *scene, const struct umbt_camera *camera,
-                                     int z_up);
+struct umbt_ground umbt_ground_below(const struct umbt_scene *scene,
+                                     const struct umbt_camera *camera, int z_up);
 
 /* Fades a colour of the ground into the sky, far away from the eye. */
 struct umbt_rgb umbt_ground_fade(const struct umbt_ground *ground, const double eye[3],

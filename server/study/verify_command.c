@@ -234,8 +234,7 @@ static void report_json(const struct verify *verify)
         UMBU_JSON_COUNTS(&json, {"light", verify->first_light + i}, {"records", result->records},
                          {"points", result->points}, {"near_boundary", result->near_boundary},
                          {"skipped_inside", result->skipped_inside},
-                         {"translucent", result->translucent},
-                         {"inside_band", result->inside_band},
+                         {"translucent", result->translucent}, {"inside_band", result->inside_band},
                          {"outside_band", result->outside_band});
         UMBU_JSON_VALUES(&json, 9, {"inside_rate", rate(result->inside_band, result->points)},
                          {"outside_rate", rate(result->outside_band, result->points)});

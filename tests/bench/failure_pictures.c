@@ -217,8 +217,7 @@ static void seam(void)
         for (int i = 0; i < WIDTH * HEIGHT; i++) {
             right[i] = i % WIDTH < WIDTH / 2 ? left[i] : right[i];
         }
-        (void)snprintf(name, sizeof name, "vsm, C = %.1f",
-                       panel == 1 ? 1.0 : match.contrast);
+        (void)snprintf(name, sizeof name, "vsm, C = %.1f", panel == 1 ? 1.0 : match.contrast);
         paint(3, panel, name, right);
     }
     printf("%-16s C = 1: %.3f, C = %.1f: %.3f, root mean square under the strip\n", "seam",

@@ -159,8 +159,7 @@ static enum umb_status read_material(struct umbb_gltf *gltf, const json_t *json,
     for (int k = 0; k < 3; k++) {
         material.base_color[k] = (float)clamp_unit(color[k]);
     }
-    material.has_image =
-        info != NULL || json_object_get(metallic, "baseColorTexture") != NULL;
+    material.has_image = info != NULL || json_object_get(metallic, "baseColorTexture") != NULL;
     material.transmission =
         (float)clamp_unit(umbb_gltf_number(transmission, "transmissionFactor", 0.0));
     if (material.transmission > 0.0F &&
@@ -226,7 +225,7 @@ static void get_uv(const struct umbb_gltf_accessor *accessor,
 /* One primitive. */
 struct primitive {
     struct umbb_gltf_accessor positions, indices, uvs, normals; /* count 0: there are none */
-    uint32_t material;                                          /* of the builder, or UMBS_NO_INDEX */
+    uint32_t material; /* of the builder, or UMBS_NO_INDEX */
     const struct umbb_gltf_mapping *mapping;
     int64_t mode;
 };

@@ -57,11 +57,11 @@ struct run {
 
 struct obj {
     struct umbb_import *job;
-    struct umbs_array points; /* struct corner_point */
-    struct umbs_array uvs;    /* float[2] */
+    struct umbs_array points;  /* struct corner_point */
+    struct umbs_array uvs;     /* float[2] */
     struct umbs_array normals; /* double[3] */
-    struct umbs_array made;   /* struct made_of, one a scene vertex */
-    struct umbs_array runs;   /* struct run */
+    struct umbs_array made;    /* struct made_of, one a scene vertex */
+    struct umbs_array runs;    /* struct run */
     struct umbb_faces faces;
     void *names; /* tree of the materials' full names */
     struct umbb_texture_table textures;

@@ -308,8 +308,7 @@ static enum umb_status add_vertex(struct ply *ply, const double values[CORNERS],
     if (!isfinite(uv[0]) || !isfinite(uv[1])) {
         uv[0] = uv[1] = 0.0F;
     }
-    UMB__TRY(
-        umbs_scene_add_vertex(&ply->job->scene, &values[X], ply->has_uvs ? uv : NULL, error));
+    UMB__TRY(umbs_scene_add_vertex(&ply->job->scene, &values[X], ply->has_uvs ? uv : NULL, error));
     return ply->job->look ? umbs_scene_set_normal(&ply->job->scene, &values[NX], error) : UMB_OK;
 }
 

@@ -123,7 +123,8 @@ static void obj_groups_triangles_by_material_of_its_library(void **state)
 static void obj_pictures_get_normals_and_colours(void **state)
 {
     (void)state;
-    static const char mtl[] = "newmtl red\nKd 1 0.5 0\nnewmtl odd\nKd 2 x\nnewmtl over\nKd 7 -1 1\n";
+    static const char mtl[] =
+        "newmtl red\nKd 1 0.5 0\nnewmtl odd\nKd 2 x\nnewmtl over\nKd 7 -1 1\n";
     put_file("look.mtl", mtl, sizeof(mtl) - 1);
     /* The corner at 1 has two normals; a bad, a missing and an unreadable normal are none. */
     struct umbs_scene *scene = import_look(

@@ -37,12 +37,12 @@ struct writer {
 static void ply_pictures_get_normals(void **state)
 {
     (void)state;
-    struct umbs_scene *scene = import_look(
-        "look.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\n"
-                    "property double y\nproperty double z\nproperty float nx\n"
-                    "property float ny\nproperty float nz\nelement face 1\n"
-                    "property list uchar int vertex_indices\nend_header\n"
-                    "0 0 0 0 0 0\n1 0 0 0 3 4\n0 1 0 0 0 -2\n3 0 1 2\n");
+    struct umbs_scene *scene =
+        import_look("look.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\n"
+                                "property double y\nproperty double z\nproperty float nx\n"
+                                "property float ny\nproperty float nz\nelement face 1\n"
+                                "property list uchar int vertex_indices\nend_header\n"
+                                "0 0 0 0 0 0\n1 0 0 0 3 4\n0 1 0 0 0 -2\n3 0 1 2\n");
     expect_normal(scene, 0, 0, 0, 0, 0);
     expect_normal(scene, 0, 1, 0, 0.6, 0.8);
     expect_normal(scene, 0, 2, 0, 0, -1);

@@ -35,9 +35,8 @@ static long double passes_at(const struct cut_scene *s, uint32_t material, long 
                              long double v)
 {
     const struct umbs_material *m = &s->materials[material];
-    long double alpha = m->texture == UMBS_NO_INDEX
-                            ? 1.0L
-                            : cut_slow_alpha(s, (double)u, (double)v) / 255.0L;
+    long double alpha =
+        m->texture == UMBS_NO_INDEX ? 1.0L : cut_slow_alpha(s, (double)u, (double)v) / 255.0L;
     alpha *= (long double)m->base_alpha;
     alpha = m->alpha_mode == UMBS_ALPHA_BLEND ? alpha : 1.0L;
     return 1.0L - alpha * (1.0L - (long double)m->transmission);
@@ -76,8 +75,7 @@ static int meet(const struct cut_scene *s, const double from[3], double far, str
             return -1;
         }
         if (distance > 0.0L && distance < (long double)far) {
-            out[count++] =
-                (struct met){distance, passes_at(s, material, uv[0], uv[1]), t};
+            out[count++] = (struct met){distance, passes_at(s, material, uv[0], uv[1]), t};
         }
     }
     qsort(out, (size_t)count, sizeof *out, compare);
@@ -108,9 +106,9 @@ static void products_and_order_are_those_of_all_triangles(void **state)
     size_t judged = 0, several = 0;
     scene_fill(&s);
     assert_int_equal(umbs_cuts_find(&s.view, &cuts, NULL), UMB_OK);
-    assert_int_equal(umbr_layers_build((const double(*)[3][3])s.positions, TRIANGLES, &cuts, 1,
-                                       &layers, NULL),
-                     UMB_OK);
+    assert_int_equal(
+        umbr_layers_build((const double(*)[3][3])s.positions, TRIANGLES, &cuts, 1, &layers, NULL),
+        UMB_OK);
     for (int i = 0; i < RAYS; i++) {
         const double from[3] = {8.0 * cut_unit(&s), 8.0 * cut_unit(&s), 8.0 * cut_unit(&s)};
         const double far = 8.0 * cut_unit(&s);
