@@ -157,12 +157,6 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, unsi
     return status;
 }
 
-int umbt_scene_is_turned(const struct umbt_scene *scene, size_t triangle)
-{
-    const uint32_t part = scene->parts.part_of[triangle];
-    return part < scene->parts.part_count && scene->parts.parts[part].flipped;
-}
-
 unsigned umbt_scene_flags_of(const char *plan)
 {
     return (umbt_plan_has(plan, "cut-out") ? 0U : (unsigned)UMBT_SCENE_WHOLE) |

@@ -56,7 +56,11 @@ int umbt_plan_has(const char *plan, const char *effect);
 
 /* Returns 1 if the corners of a triangle have changed places, as its closed part was wound
  * inwards. */
-int umbt_scene_is_turned(const struct umbt_scene *scene, size_t triangle);
+static inline int umbt_scene_is_turned(const struct umbt_scene *scene, size_t triangle)
+{
+    const uint32_t part = scene->parts.part_of[triangle];
+    return part < scene->parts.part_count && scene->parts.parts[part].flipped;
+}
 
 /* Finds what pictures need of a loaded scene: normals and has_colors. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_scene_look(struct umbt_scene *scene, struct umb_error *error);
