@@ -70,11 +70,14 @@ static enum umb_status result_draw(const struct umbt_study *study,
     truth.kind = UMBT_TRUTH_SURFACE;
     truth.settings = source.settings;
     truth.closed = NULL; /* its numbers are not used */
+    struct umbt_picture_light light = umbt_picture_sun(setup);
+    light.source = &source;
+    light.truth = &truth;
     const struct umbt_picture_request request = {
         .setup = setup,
         .size = {WIDTH, HEIGHT},
-        .source = &source,
-        .truth = &truth,
+        .lights = &light,
+        .light_count = 1,
         .aa = study->options.quick ? 1 : 2,
         .threads = study->common.threads,
         .difference = 1,

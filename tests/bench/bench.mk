@@ -83,6 +83,9 @@ $(foreach effect,$(EFFECT_SWITCHES),$(eval $(call without_effect,$(effect))))
 $(BUILD)/failure_pictures: $(BUILD)/tests/bench/failure_pictures.o $(HARNESS_OBJ) $(TEST_LIBS_study)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -lcmocka -o $@
+$(BUILD)/picture_sheet: $(BUILD)/tests/bench/picture_sheet.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 failure-pictures: $(BUILD)/failure_pictures ## how shadow maps fail and what helps: docs/pictures/failures.png
 	@$< docs/pictures/failures.png
 .PHONY: failure-pictures
