@@ -201,15 +201,17 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Fails for a lamp with the truth of a light's disc, which is traced for parallel light only. */
+/* Fails for the truth of a light's extent under a light without one. */
 static enum umb_status truth_check(const struct render *render, struct umb_error *error)
 {
     const struct umbt_truth *truth = &render->truth;
+    const double extent = truth->lamp != NULL ? truth->lamp->extent : truth->extent;
     if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC &&
-        (truth->lamp != NULL || !(truth->extent > 0))) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is %s",
+        !(extent > 0)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is a point; %s",
                         render->settings.light,
-                        truth->lamp != NULL ? "not directional" : "a point; give --light-size");
+                        truth->lamp != NULL ? "bake it with --light-size or --area"
+                                            : "give --light-size");
     }
     return UMB_OK;
 }

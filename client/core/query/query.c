@@ -122,6 +122,14 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     if (wanted == 0 || plan->filter->info.has_footprints) {
         return UMB_OK;
     }
+    if (!is_parallel(plan)) { /* Texels grow with the distance: each point has its own width */
+        *taps = UMB_TAPS_MAX;
+        return wanted > 0 && wanted <= UMB_FOOTPRINT_MAX
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT,
+                              "footprint_m: %g, must be above 0 and at most %g", wanted,
+                              UMB_FOOTPRINT_MAX);
+    }
     const double(*step)[3] = plan->frustum->voxel_step;
     const double texel_m = (umb__length(step[0]) + umb__length(step[1])) / 2;
     const double limit = (UMB_TAPS_MAX + 1) * texel_m;
@@ -138,7 +146,9 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
 /* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
-    umb__kernel *kernel = plan->filter->kernel != NULL ? plan->filter->kernel : choose_kernel();
+    const bool is_own = plan->filter->kernel != NULL &&
+                        (plan->filter->lamp_run == NULL || is_parallel(plan));
+    umb__kernel *kernel = is_own ? plan->filter->kernel : choose_kernel();
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;
     const struct umb__top *top = &view->tops[plan->light->first_frustum];

@@ -30,6 +30,8 @@ struct umb__filter {
     /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
     umb__kernel *kernel; /* Kernel; NULL: that of windows */
+    /* Stage that answers points under lamps; NULL: that of faces (perspective.c) */
+    umb__kernel *lamp_run;
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
