@@ -57,7 +57,8 @@ static void read_receiver(const struct umb__query *q, const struct umb_points *p
         r->given[axis] = (float)r->normal[axis];
         r->normal[axis] = r->has_normal ? r->normal[axis] / length : -r->light[axis];
     }
-    r->facing_away = r->has_normal && umb__dot(r->normal, r->light) >= 0;
+    r->facing_away = (r->has_normal && umb__dot(r->normal, r->light) >= 0) ||
+                     (q->face_count > 0 && umb__is_behind_light(q, r->light));
 }
 
 /* Returns the side of the square with the area of the surface that a pixel covers. */

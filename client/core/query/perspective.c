@@ -142,13 +142,6 @@ static void to_voxel(const struct umb__query *q, double w, struct umb__sighting 
     s->voxel[2] = within(row(face, 2, s->moved), FAR_VOXELS);
 }
 
-/* Returns whether a point lies behind the plane of an area light, which shines to one side. */
-static bool is_behind_light(const struct umb__query *q, const double from_light[3])
-{
-    return (q->lamp->kind == UMB_LIGHT_RECTANGLE || q->lamp->kind == UMB_LIGHT_DISC) &&
-           !(umb__dot(from_light, q->direction) > 0);
-}
-
 void umb__perspective_map(const struct umb__query *q, const struct umb_points *points, size_t i,
                           struct umb__sighting *s)
 {
@@ -163,7 +156,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
         s->facing_away = umb__dot(n, from_light) >= 0;
         s->cosine = distance > 0 ? -umb__dot(n, from_light) / distance : 0;
     }
-    s->facing_away |= is_behind_light(q, from_light);
+    s->facing_away |= umb__is_behind_light(q, from_light);
     if (s->facing_away) {
         return;
     }

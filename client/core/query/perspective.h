@@ -25,6 +25,14 @@ struct umb__sighting {
     double bias_m;   /* Length of the move in metres */
 };
 
+/* Returns whether a point lies behind the plane of an area light, which shines to one side. In:
+ * from_light: from the light to the point. */
+static inline bool umb__is_behind_light(const struct umb__query *query, const double from_light[3])
+{
+    return (query->lamp->kind == UMB_LIGHT_RECTANGLE || query->lamp->kind == UMB_LIGHT_DISC) &&
+           !(umb__dot(from_light, query->direction) > 0);
+}
+
 /* Maps point i of a batch. */
 void umb__perspective_map(const struct umb__query *query, const struct umb_points *points, size_t i,
                           struct umb__sighting *sighting);
