@@ -215,9 +215,13 @@ static double limit_of(const struct face *face, double w)
 static void add_sample(struct search *s, int64_t x, int64_t y, double stride)
 {
     const struct receiver *r = s->r;
+    const double nearest = 1 / (r->q + gap_of(r, x, y));
+    if (!(nearest > r->lamp->near_w)) {
+        return; /* The light's rays pass the column where no face has a voxel */
+    }
     const struct place at = place_of(r, (double)x + 0.5, (double)y + 0.5);
     struct face *face = &r->lamp->faces[at.number];
-    const double limit = limit_of(face, at.ratio / (r->q + gap_of(r, x, y)));
+    const double limit = limit_of(face, at.ratio * nearest);
     uint32_t depth;
     if (!is_inside(at.x, face->size) || !is_inside(at.y, face->size) || !(limit >= 0) ||
         !umb__first_occluder(&face->occluders, (uint32_t)at.x, (uint32_t)at.y, (uint32_t)limit,
