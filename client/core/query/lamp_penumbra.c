@@ -271,7 +271,7 @@ static double blocker_gap(const struct receiver *r, struct umb_query_stats *stat
     const double least = fmax(1 - fabs(r->shift[0]) - fabs(r->shift[1]), 0) / reach;
     add_sample(&s, s.x, s.y, 1);
     for (int64_t outer = 1; outer <= 2 * (int64_t)r->face->size; outer *= 2) {
-        const int64_t inner = outer / 2, stride = outer > 4 ? outer / 4 : 1;
+        const int64_t inner = outer / 2, stride = outer > 16 ? outer / 2 : outer > 4 ? outer / 4 : 1;
         /* All texels of the ring are at least `inner` away from the receiver's own texel. */
         const double w = 1 / (r->q + (double)inner * least);
         if (!(w > r->lamp->near_w)) {
