@@ -200,9 +200,11 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
 /* Several directional lights, and the frusta of spot and point lights. */
 static void write_lights(FILE *to, const struct umbb_analysis *a)
 {
-    uint32_t directional = 0;
+    uint32_t directional = 0, flat = 0;
     for (uint32_t i = 0; i < a->choice.count; i++) {
-        directional += a->choice.lights[i].kind == UMB_LIGHT_DIRECTIONAL;
+        const enum umb_light_kind kind = a->choice.lights[i].kind;
+        directional += kind == UMB_LIGHT_DIRECTIONAL;
+        flat += kind == UMB_LIGHT_RECTANGLE || kind == UMB_LIGHT_DISC;
     }
     if (directional > 1) {
         fprintf(to,
@@ -213,10 +215,11 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     if (directional < a->choice.count) {
         const uint32_t others = a->choice.count - directional;
         fprintf(to,
-                "effect=faces state=on reason=\"%u spot, point or area lights see casters in %u frusta; "
+                "effect=faces state=on reason=\"%u %s lights see casters in %u frusta; "
                 "the other cube faces are left out\" cost=\"a frustum of depth, build and nodes "
                 "each; %d texels of guard band at each face's edge; each query picks a face\"\n",
-                others, a->frustum_count - directional, UMBB_GUARD_TEXELS);
+                others, flat > 0 ? "spot, point or area" : "spot or point",
+                a->frustum_count - directional, UMBB_GUARD_TEXELS);
     }
 }
 
