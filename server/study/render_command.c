@@ -201,7 +201,8 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Fails for the truth of a light's extent under a light without one. */
+/* Fails if --truth disc is wanted for a light without an extent: it traces rays to the light's
+ * points. */
 static enum umb_status truth_check(const struct render *render, struct umb_error *error)
 {
     const struct umbt_truth *truth = &render->truth;
