@@ -308,4 +308,5 @@ const struct umb__filter umb__filter_penumbra = {
     .slice = 512, /* points of 0.3 to 5 us each */
     .work = 32,   /* under a narrow light */
     .work_radian = 900,
+    .work_lamp = 300, /* 10 to 60 us */
 };

@@ -35,9 +35,9 @@ struct umb__filter {
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
-    /* Cost of a point without its window, in look-ups of one tap; and the cost added for each
-     * radian of the light's extent */
-    double work, work_radian;
+    /* Cost of a point without its window, in look-ups of one tap; and the costs added for each
+     * radian of a sun's extent, and for a lamp */
+    double work, work_radian, work_lamp;
 };
 
 /* Returns a filter; one named "unknown" for any other number. */
