@@ -36,7 +36,8 @@
         "width lies along AX,AY,AZ, or level)"
 #define UMBU_BAKE_LIGHT                                                                            \
     "light", "NAME",                                                                               \
-        "the file's light of that name. --sun, --sun-path, --point, --spot, --area and --light may be " \
+        "the file's light of that name. --sun, --sun-path, --point, --spot, --area and --light "   \
+        "may be "                                                                                  \
         "repeated and mixed: all lights share one asset. Without them: the file's lights, else "   \
         "--sun 135,45"
 #define UMBU_BAKE_LIGHT_SIZE                                                                       \

@@ -17,8 +17,8 @@ enum {
     TRIES_A_RECORD = 64, /* draws for each record before giving up */
     BOX_VOXELS = 5,      /* longest side */
     BOX_ROOM = (BOX_VOXELS + 2) * (BOX_VOXELS + 2) * (BOX_VOXELS + 2),
-    LAMP_BOX_SHARE = 2,  /* factor on a lamp's boxes, whose voxels are slanted */
-    OFFSETS = 5, /* rays along each axis of the grid around a column, half a texel apart */
+    LAMP_BOX_SHARE = 2, /* factor on a lamp's boxes, whose voxels are slanted */
+    OFFSETS = 5,        /* rays along each axis of the grid around a column, half a texel apart */
 };
 
 /* Draws a point in voxel space: at a boundary if one of `tries` finds one, else anywhere. */

@@ -18,12 +18,12 @@
 #include "study/study_math.h"
 #include "umbrage/aliasing.h"
 
-#define BINS     12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
-#define BIN_LOW  (-5)
-#define SUN_WAYS 4
-#define WAYS     6 /* with those of a lamp */
+#define BINS        12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
+#define BIN_LOW     (-5)
+#define SUN_WAYS    4
+#define WAYS        6    /* with those of a lamp */
 #define LAMP_AT_MAX 1e12 /* metres */
-#define NEAR_MIN 1e-3 /* near plane of cascades, as a share of the farthest visible point */
+#define NEAR_MIN    1e-3 /* near plane of cascades, as a share of the farthest visible point */
 
 static const char *const way_names[WAYS] = {"uniform", "slice", "scene",
                                             "lispsm",  "cube",  "paraboloid"};
@@ -116,8 +116,7 @@ static enum umb_status lamp_plans_make(struct aliasing *a, struct umb_error *err
     double far = 0.0;
     for (int k = 0; k < 3; k++) {
         const struct umb_box *box = &a->common.scene.box;
-        const double away =
-            fmax(fabs(box->min[k] - a->lamp[k]), fabs(box->max[k] - a->lamp[k]));
+        const double away = fmax(fabs(box->min[k] - a->lamp[k]), fabs(box->max[k] - a->lamp[k]));
         far += away * away;
     }
     far = sqrt(far);
@@ -129,8 +128,8 @@ static enum umb_status lamp_plans_make(struct aliasing *a, struct umb_error *err
             struct umb_map_spot spot = {.tangent = 1,
                                         .near_m = far * NEAR_MIN,
                                         .far_m = far,
-                                        .projection = is_cube ? UMB_MAP_PERSPECTIVE
-                                                              : UMB_MAP_PARABOLOID};
+                                        .projection =
+                                            is_cube ? UMB_MAP_PERSPECTIVE : UMB_MAP_PARABOLOID};
             memcpy(spot.position, a->lamp, sizeof spot.position);
             memcpy(spot.forward, faces[i].forward, sizeof spot.forward);
             memcpy(spot.up, faces[i].up, sizeof spot.up);

@@ -207,8 +207,7 @@ static enum umb_status truth_check(const struct render *render, struct umb_error
 {
     const struct umbt_truth *truth = &render->truth;
     const double extent = truth->lamp != NULL ? truth->lamp->extent : truth->extent;
-    if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC &&
-        !(extent > 0)) {
+    if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC && !(extent > 0)) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is a point; %s",
                         render->settings.light,
                         truth->lamp != NULL ? "bake it with --light-size or --area"

@@ -263,8 +263,7 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
 /* Returns whether a point lies behind the plane of an area light, which shines to one side. */
 static int is_behind(const struct umb_light_info *lamp, const double towards[3])
 {
-    return lamp != NULL &&
-           (lamp->kind == UMB_LIGHT_RECTANGLE || lamp->kind == UMB_LIGHT_DISC) &&
+    return lamp != NULL && (lamp->kind == UMB_LIGHT_RECTANGLE || lamp->kind == UMB_LIGHT_DISC) &&
            !(umb__dot(towards, lamp->direction) < 0.0);
 }
 

@@ -369,8 +369,8 @@ enum entry_tag {
     ENTRY_COUNT,
 };
 
-static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN",
-                                                 "BAKE", "ROOT", "FRNT", "TRNS", "NEAR", "SIDE"};
+static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN", "BAKE",
+                                                 "ROOT", "FRNT", "TRNS", "NEAR", "SIDE"};
 
 static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
                         char error[ORACLE_ERROR_SIZE])

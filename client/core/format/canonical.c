@@ -223,8 +223,7 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
                lengths[ENTRY_ROOTS] == frusta * UMB__ROOT_SIZE &&
                (!entries->bytes[ENTRY_CURVE] || lengths[ENTRY_CURVE] > 0) &&
                (!entries->bytes[ENTRY_SIDES] ||
-                lengths[ENTRY_SIDES] ==
-                    lengths[ENTRY_LIGHTS] / UMB__LIGHT_SIZE * UMB__SIDE_SIZE) &&
+                lengths[ENTRY_SIDES] == lengths[ENTRY_LIGHTS] / UMB__LIGHT_SIZE * UMB__SIDE_SIZE) &&
                (!entries->bytes[ENTRY_RECEIVER_MASK] ||
                 lengths[ENTRY_RECEIVER_MASK] == frusta * UMB__RECEIVER_MASK_WORDS * 8);
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
@@ -493,8 +492,7 @@ static enum umb_status measure(const struct umb__content *content, uint64_t leng
     lengths[ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE;
     lengths[ENTRY_OCCLUDER_DEPTH] = content->occluder_depth_words * 4;
     lengths[ENTRY_TRANSMITTANCE] = content->transmittance_bytes;
-    lengths[ENTRY_SIDES] =
-        has_sides(content) ? (uint64_t)content->light_count * UMB__SIDE_SIZE : 0;
+    lengths[ENTRY_SIDES] = has_sides(content) ? (uint64_t)content->light_count * UMB__SIDE_SIZE : 0;
     lengths[ENTRY_RECEIVER_MASK] =
         content->receiver_mask_cells ? frusta * UMB__RECEIVER_MASK_WORDS * 8 : 0;
     UMB__TRY(text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error));

@@ -17,9 +17,9 @@
 
 /* A face of a lamp, for boxes. */
 struct face {
-    double direction[3]; /* From the light to texel coordinate (0, 0), where W = 1 */
+    double direction[3];  /* From the light to texel coordinate (0, 0), where W = 1 */
     double scale, offset; /* W = scale z + offset */
-    double position[3];  /* Position of the light, minus the asset's origin */
+    double position[3];   /* Position of the light, minus the asset's origin */
     uint32_t other_count;
     double others[UMB__FACES_MAX][3]; /* W of another face for each own W: constant, and for each
                                          texel of x and of y */
@@ -118,9 +118,8 @@ static struct bounds coordinate_bounds(const struct count *count, unsigned axis,
 {
     int32_t least[3], most[3];
     if (count->face != NULL) {
-        const struct bounds across =
-            linear_bounds(count->face->direction[axis], count->step[0][axis], count->step[1][axis],
-                          low, high);
+        const struct bounds across = linear_bounds(
+            count->face->direction[axis], count->step[0][axis], count->step[1][axis], low, high);
         const double a = face_centre(count, axis, across.least, low[2]);
         const double b = face_centre(count, axis, across.least, high[2]);
         const double c = face_centre(count, axis, across.most, low[2]);
@@ -207,8 +206,7 @@ static void other_masks(const struct count *count, uint32_t other, const struct 
     const double *w = count->face->others[other], limit = count->face->limits[other];
     uint64_t own = 0;
     for (int32_t i = 0; i < 64; i++) {
-        const double ratio =
-            linear(w[0], w[1], w[2], brick->low[0] + i % 8, brick->low[1] + i / 8);
+        const double ratio = linear(w[0], w[1], w[2], brick->low[0] + i % 8, brick->low[1] + i / 8);
         own |= (uint64_t)(ratio < limit) << i;
     }
     for (int32_t z = 0; z < 8; z++) {
@@ -223,8 +221,8 @@ static void face_slab_masks(const struct count *count, unsigned axis, const stru
     const double min = count->world->min[axis], max = count->world->max[axis];
     double across[64];
     for (int32_t i = 0; i < 64; i++) {
-        across[i] = linear(count->face->direction[axis], count->step[0][axis],
-                           count->step[1][axis], brick->low[0] + i % 8, brick->low[1] + i / 8);
+        across[i] = linear(count->face->direction[axis], count->step[0][axis], count->step[1][axis],
+                           brick->low[0] + i % 8, brick->low[1] + i / 8);
     }
     for (int32_t z = 0; z < 8; z++) {
         uint64_t bits = 0;

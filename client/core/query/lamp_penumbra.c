@@ -42,7 +42,7 @@ struct face {
 struct lamp {
     const struct umb__query *q;
     bool is_sphere;
-    double radius;  /* Sphere: metres */
+    double radius;     /* Sphere: metres */
     double half[2][3]; /* Half axes of an area light, metres */
     struct lattice lattice;
     struct face faces[UMB__FACES_MAX];
@@ -66,9 +66,9 @@ struct receiver {
     double above[3];      /* Height over the receiver's horizon: of the light's middle, and its
                              change over the half axes */
     bool has_normal;
-    double normal[3];     /* Unit normal; 0 without one */
-    double bias_m;        /* Length by which the receiver was moved */
-    double own_texels;    /* Texels around the receiver that surely belong to its face */
+    double normal[3];  /* Unit normal; 0 without one */
+    double bias_m;     /* Length by which the receiver was moved */
+    double own_texels; /* Texels around the receiver that surely belong to its face */
 };
 
 static struct lattice lattice_of(bool is_round)
@@ -95,9 +95,8 @@ static struct face face_of(const struct umb__query *q, uint32_t number)
     umb__face_depth(face.info, &face.scale, &face.offset);
     face.first_w = umb__face_first_w(face.info);
     face.size = (double)((uint32_t)1 << face.info->log2_size);
-    face.occluders = (struct umb__occluders){.tree = umb__tree_of(&own),
-                                             .occluder_depth = q->occluder_depth,
-                                             .last = UINT32_MAX};
+    face.occluders = (struct umb__occluders){
+        .tree = umb__tree_of(&own), .occluder_depth = q->occluder_depth, .last = UINT32_MAX};
     if (q->occluder_depth != NULL) {
         face.occluders.occluder_depth_root = q->occluder_depth[q->first_face + number];
     }
@@ -250,8 +249,7 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
 
 /* Returns whether no column up to `outer` texels away has a blocker at W or before. Where columns
  * stay shadowed and the texels belong to one face, one slice proves that. */
-static bool is_clear(const struct search *s, double w, int64_t outer,
-                     struct umb_query_stats *stats)
+static bool is_clear(const struct search *s, double w, int64_t outer, struct umb_query_stats *stats)
 {
     const struct face *face = s->r->face;
     const struct umb__slice slice = {&face->occluders.tree, stats, (int64_t)limit_of(face, w)};
@@ -271,7 +269,9 @@ static double blocker_gap(const struct receiver *r, struct umb_query_stats *stat
     const double least = fmax(1 - fabs(r->shift[0]) - fabs(r->shift[1]), 0) / reach;
     add_sample(&s, s.x, s.y, 1);
     for (int64_t outer = 1; outer <= 2 * (int64_t)r->face->size; outer *= 2) {
-        const int64_t inner = outer / 2, stride = outer > 16 ? outer / 2 : outer > 4 ? outer / 4 : 1;
+        const int64_t inner = outer / 2, stride = outer > 16  ? outer / 2
+                                                  : outer > 4 ? outer / 4
+                                                              : 1;
         /* All texels of the ring are at least `inner` away from the receiver's own texel. */
         const double w = 1 / (r->q + (double)inner * least);
         if (!(w > r->lamp->near_w)) {
@@ -336,8 +336,7 @@ static double leave_plane(const struct receiver *r, double w, struct place *at)
 }
 
 /* Returns whether the light's point whose rays pass the blockers (dx, dy) texels away is seen. */
-static bool is_seen(const struct receiver *r, double dx, double dy, double gap,
-                    struct cache *cache)
+static bool is_seen(const struct receiver *r, double dx, double dy, double gap, struct cache *cache)
 {
     const double rise = r->has_normal ? dx * r->plane[0] + dy * r->plane[1]
                                       : fabs(dx) * r->plane[0] + fabs(dy) * r->plane[1];
@@ -368,8 +367,8 @@ static double share_of(const struct receiver *r, double gap, const double width[
         const double way = ahead > 0 ? fmin(gap, BEFORE_LIGHT * r->q * rest / ahead) : gap;
         const double dx = (a * r->slope[0][0] + b * r->slope[1][0]) * way / rest * stretch[0];
         const double dy = (a * r->slope[0][1] + b * r->slope[1][1]) * way / rest * stretch[1];
-        lit += r->above[0] + a * r->above[1] + b * r->above[2] > 0 &&
-               is_seen(r, dx, dy, way, &cache);
+        lit +=
+            r->above[0] + a * r->above[1] + b * r->above[2] > 0 && is_seen(r, dx, dy, way, &cache);
     }
     return (double)lit / UMB__LAMP_SAMPLES;
 }
@@ -457,8 +456,8 @@ static void set_territory(struct receiver *r)
 
 /* Sets up a receiver. Returns false for one that no voxel can shadow. */
 static bool receiver_begin(struct lamp *lamp, const struct umb__query *q,
-                           const struct umb_points *points, size_t i,
-                           const struct umb__sighting *s, struct receiver *r)
+                           const struct umb_points *points, size_t i, const struct umb__sighting *s,
+                           struct receiver *r)
 {
     double from[3];
     *r = (struct receiver){.lamp = lamp,

@@ -256,9 +256,8 @@ static enum umb_status check_sun(const struct umb__plan *plan, struct umb_error 
 /* Checks that the light has an extent, and that first occluders are known. */
 static enum umb_status check(const struct umb__plan *plan, struct umb_error *error)
 {
-    UMB__TRY(plan->light->kind == UMB_LIGHT_DIRECTIONAL
-                 ? check_sun(plan, error)
-                 : umb__lamp_penumbra_check(plan, error));
+    UMB__TRY(plan->light->kind == UMB_LIGHT_DIRECTIONAL ? check_sun(plan, error)
+                                                        : umb__lamp_penumbra_check(plan, error));
     if (plan->frustum->closed && plan->content->occluder_depth == NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "filter: penumbra: light %u was baked under the closed rule, which leaves "

@@ -146,8 +146,8 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
 /* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
-    const bool is_own = plan->filter->kernel != NULL &&
-                        (plan->filter->lamp_run == NULL || is_parallel(plan));
+    const bool is_own =
+        plan->filter->kernel != NULL && (plan->filter->lamp_run == NULL || is_parallel(plan));
     umb__kernel *kernel = is_own ? plan->filter->kernel : choose_kernel();
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;

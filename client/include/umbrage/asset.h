@@ -86,7 +86,7 @@ enum umb_light_kind {
     UMB_LIGHT_DISC = 4,
 };
 
-#define UMB_LIGHT_KINDS  5   /* Number of values of enum umb_light_kind in this version */
+#define UMB_LIGHT_KINDS   5   /* Number of values of enum umb_light_kind in this version */
 #define UMB_LAMP_SIZE_MAX 1e6 /* Largest extent of a lamp that has penumbras, metres */
 
 /* Returns the name of a kind as a static string: "directional", "spot", "point", "rectangle",

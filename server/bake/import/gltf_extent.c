@@ -37,8 +37,8 @@ static enum umb_status read_size(const struct extras *extras, const char *key, d
     return (*size > 0.0 || (may_be_0 && *size == 0.0)) && *size <= most
                ? UMB_OK
                : UMBB_REFUSE(error, "light '%s': %s: %g, must be %s and at most %g",
-                             extras->light->name, key, *size,
-                             may_be_0 ? "0 or more" : "above 0", most);
+                             extras->light->name, key, *size, may_be_0 ? "0 or more" : "above 0",
+                             most);
 }
 
 /* Finds the vector of a rectangle's width: the node's x axis, perpendicular to the direction. */

@@ -58,7 +58,6 @@ typedef enum umb_status umbb_light_option_fn(const struct umbu_option *option, c
                                              void *lights, struct umb_error *error);
 
 umbb_light_option_fn umbb_light_option_sun, umbb_light_option_path, umbb_light_option_name,
-    umbb_light_option_spot, umbb_light_option_point, umbb_light_option_area,
-    umbb_light_option_size;
+    umbb_light_option_spot, umbb_light_option_point, umbb_light_option_area, umbb_light_option_size;
 
 #endif

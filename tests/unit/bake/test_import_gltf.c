@@ -174,10 +174,10 @@ static void gltf_extents_out_of_range_are_refused_by_name(void **state)
                        "{\"mesh\":0},{\"name\":\"lamp\",\"extensions\":"
                        "{\"KHR_lights_punctual\":{\"light\":%s}},\"extras\":{%s}}",
                        cases[i].light, cases[i].extras);
-        expect_refusal("extent.gltf",
-                       gltf(nodes, "0,1",
-                            LIGHTS("{\"type\":\"directional\"},{\"type\":\"point\"}")),
-                       cases[i].words);
+        expect_refusal(
+            "extent.gltf",
+            gltf(nodes, "0,1", LIGHTS("{\"type\":\"directional\"},{\"type\":\"point\"}")),
+            cases[i].words);
     }
 }
 

@@ -88,8 +88,9 @@ static void light_axes(const struct umb_light_info *light, const double p[3], do
     const int least = fabs(n[0]) < 0.6 ? 0 : 1;
     double axis[3] = {least == 0, least == 1, 0};
     for (int k = 0; k < 3; k++) {
-        half[0][k] = side > 0 ? light->side[k] / 2
-                              : radius * (axis[k] - n[least] * n[k]) / sqrt(1 - n[least] * n[least]);
+        half[0][k] = side > 0
+                         ? light->side[k] / 2
+                         : radius * (axis[k] - n[least] * n[k]) / sqrt(1 - n[least] * n[least]);
     }
     const double scale = radius / sqrt(dot3(half[0], half[0]));
     half[1][0] = scale * (n[1] * half[0][2] - n[2] * half[0][1]);
@@ -130,8 +131,8 @@ static struct umb_points floor_points(const struct stage *s, uint64_t *seed)
         const double x = s->shift * 2 + (random_unit(seed) * 2 - 1) * 2.5;
         const double y = (random_unit(seed) * 2 - 1) * 2.5;
         for (int k = 0; k < 3; k++) {
-            storage[i][k] = eye[k] - origin[k] + s->floor * s->normal[k] + x * s->a[0][k] +
-                            y * s->a[1][k];
+            storage[i][k] =
+                eye[k] - origin[k] + s->floor * s->normal[k] + x * s->a[0][k] + y * s->a[1][k];
             normals[i][k] = (float)-s->normal[k];
         }
     }
@@ -237,8 +238,7 @@ static void a_plane_never_shadows_itself_in_penumbras_and_coarse_look_ups(void *
                                   random_unit(&seed) - 0.5, 0);
         s.half = 0;
         const enum umb_light_kind kinds[] = {UMB_LIGHT_POINT, UMB_LIGHT_DISC, UMB_LIGHT_RECTANGLE};
-        const struct umb_light_info light =
-            area_light(&s, kinds[n % 3], n % 3 == 2 ? 0.6 : 0, 0.4);
+        const struct umb_light_info light = area_light(&s, kinds[n % 3], n % 3 == 2 ? 0.6 : 0, 0.4);
         struct umb_asset *asset = open_stage(&s, &light);
         for (int normal = 1; normal >= 0; normal--) {
             struct umb_points points = floor_points(&s, &seed);
@@ -264,13 +264,13 @@ static void a_plane_never_shadows_itself_in_penumbras_and_coarse_look_ups(void *
 
 static void an_area_light_shines_to_one_side_for_every_filter(void **state)
 {
-    static const struct umb_query_settings all[] = {{.taps = 1},
-                                                    {.taps = 9},
-                                                    {.level = 3},
-                                                    {.footprint_m = 0.3},
-                                                    {.filter = UMB_FILTER_PENUMBRA},
-                                                    {.filter = UMB_FILTER_FOOTPRINT,
-                                                     .footprint_m = 0.5}};
+    static const struct umb_query_settings all[] = {
+        {.taps = 1},
+        {.taps = 9},
+        {.level = 3},
+        {.footprint_m = 0.3},
+        {.filter = UMB_FILTER_PENUMBRA},
+        {.filter = UMB_FILTER_FOOTPRINT, .footprint_m = 0.5}};
     const struct stage s = stage_of(0.2, 0.3, 1, 0);
     const struct umb_light_info light = area_light(&s, UMB_LIGHT_DISC, 0, 0.4);
     struct umb_asset *asset = open_stage(&s, &light);
@@ -434,8 +434,7 @@ static void extents_out_of_range_are_refused_by_name(void **state)
         struct umb_query_settings settings = cases[i].settings;
         struct umb_query query;
         settings.filter = UMB_FILTER_PENUMBRA;
-        assert_true(asset == NULL ||
-                    umb_query_prepare(asset, &settings, &query, &error) != UMB_OK);
+        assert_true(asset == NULL || umb_query_prepare(asset, &settings, &query, &error) != UMB_OK);
         if (strstr(error.message, cases[i].message) == NULL) {
             fail_msg("case %zu: %s", i, error.message);
         }
