@@ -96,8 +96,8 @@ enum entry {
 /*
  * A reader must understand most entries. A reader that ignores translucent casters would call their
  * shadows lit. A reader that ignores the static rule would answer in undefined space. The curve and
- * the occluder depth may be ignored: answers are then fewer, but not wrong. The sides of area lights
- * are a second part of the records of lights, from which they are read and written.
+ * the occluder depth may be ignored: answers are then fewer, but not wrong. The sides of area
+ * lights are a second part of the records of lights, from which they are read and written.
  */
 static const struct row {
     uint32_t tag, flags;

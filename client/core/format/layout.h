@@ -85,7 +85,7 @@ enum {
 #define UMB__TAG_CURVE          UMB__TAG('C', 'U', 'R', 'V') /* Only if a curve was measured */
 #define UMB__TAG_TRANSMITTANCE  UMB__TAG('T', 'R', 'N', 'S') /* Only with translucent casters */
 #define UMB__TAG_RECEIVER_MASK  UMB__TAG('N', 'E', 'A', 'R') /* Only under the static rule */
-#define UMB__TAG_SIDES          UMB__TAG('S', 'I', 'D', 'E') /* Only with a rectangle that has one */
+#define UMB__TAG_SIDES          UMB__TAG('S', 'I', 'D', 'E') /* Only with a rectangle */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS    UMB__TAG('T', 'O', 'P', 'S') /* One struct umb__top (view.h) a frustum */

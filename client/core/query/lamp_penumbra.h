@@ -5,8 +5,8 @@
  * Penumbras of spot, point and area lights (lamps).
  *
  * Let W be the distance from the light along the axis of a face, and q = 1 / W. In the space of
- * texels and q, rays stay straight. A ray from a receiver (x, y, q) to the point L + d of a light at
- * L has the same slope all along:
+ * texels and q, rays stay straight. A ray from a receiver (x, y, q) to the point L + d of a light
+ * at L has the same slope all along:
  *
  *     slope of x = (X.d - x W.d) / (1 - q W.d)      texels for each unit of q; y likewise
  *

@@ -19,8 +19,8 @@
  *
  * Lamps (spot, point and area lights): an answer says whether an occluder stands between the point
  * and the light. The caller computes how the light fades with distance and towards its cone. Points
- * that no frustum of a spot light covers are lit and counted as outside. An area light shines to one
- * side: points behind its plane are shadowed and counted as facing away.
+ * that no frustum of a spot light covers are lit and counted as outside. An area light shines to
+ * one side: points behind its plane are shadowed and counted as facing away.
  *
  * Outside: a texel beyond the frustum in x or y is lit. A point before z = 0 is lit, and a point
  * behind the last voxel takes the last voxel's answer. struct umb_query_stats counts such points.

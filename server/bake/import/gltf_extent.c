@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See gltf_extent.h. */
-#include "bake/import/gltf_extent.h"
+/* Extents of lights, see gltf.h. */
+#include "bake/import/gltf.h"
 
 #include <math.h>
 #include <string.h>

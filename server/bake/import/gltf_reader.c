@@ -9,7 +9,6 @@
 #include <string.h>
 
 #include "bake/import/gltf.h"
-#include "bake/import/gltf_extent.h"
 #include "base/try.h"
 #include "common/clean_text.h"
 #include "scene/scene_buffer.h"

@@ -374,7 +374,6 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --area 1,2,3,0,0,1,1,nan", "--area", "nan"},
         {"s -o o --area 1,2,3,0,0,1,1,1e7", "--area", "1e7"},
         {"s -o o --area 1,2,3,0,0,1,1,1,0,0,0", "--area", "0,0,0"},
-        {"s -o o --area 1,2,3,0,0,1,1,1,1", "--area", "1,1,1"},
         {"s -o o --spot 1,2,3,0,0,0,30", "--spot", "0,0,0,30"},
         {"s -o o --spot 1,2,3,0,0,1,91", "--spot", "91"},
         {"s -o o --spot 1,2,3,0,0,1,0", "--spot", "1,0"},
