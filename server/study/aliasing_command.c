@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `aliasing`: how well the texels of a shadow map, of a camera's cascades, or of the maps around
- * a lamp fit the pixels of a view. It computes the pixels that a texel covers at each visible point, and prints a histogram,
- * the sufficient resolution, and a heat map.
+ * `aliasing`: how well the texels of a shadow map, of a camera's cascades, or of the maps around a
+ * lamp fit the pixels of a view. It computes the pixels that a texel covers at each visible point,
+ * and prints a histogram, the sufficient resolution, and a heat map.
  */
 #include "study/setup.h"
 
