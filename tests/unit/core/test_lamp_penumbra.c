@@ -397,6 +397,32 @@ static void formats_and_splits_tell_the_same(void **state)
     umb_asset_close(asset);
 }
 
+/* Points at the light, far beyond doubles' resolution, and not finite: any answer from 0 to 1. */
+static void numbers_that_overflow_do_no_harm(void **state)
+{
+    static const double far[] = {0,      1e-310,           1e-30,       1e15, -3e18, 1e300,
+                                 -1e306, (double)INFINITY, (double)NAN, 5};
+    const struct stage s = stage_of(1, 0.9, 0.1, 0.4);
+    const struct umb_light_info light = area_light(&s, UMB_LIGHT_RECTANGLE, 1e6, 1e-9);
+    struct umb_asset *asset = open_stage(&s, &light);
+    uint64_t seed = 97;
+    struct umb_points points = {
+        .positions = storage, .format = UMB_POINT_F64, .normals = normals, .count = POINTS};
+    (void)state;
+    memcpy(points.origin, eye, sizeof eye);
+    for (size_t i = 0; i < POINTS; i++) {
+        for (int k = 0; k < 3; k++) {
+            storage[i][k] = far[next_random(&seed) % 10] * (random_unit(&seed) * 2 - 1);
+            normals[i][k] = (float)(far[next_random(&seed) % 10] * random_unit(&seed));
+        }
+    }
+    run(asset, &(struct umb_query_settings){.filter = UMB_FILTER_PENUMBRA}, &points, values);
+    for (size_t i = 0; i < POINTS; i++) {
+        assert_true(values[i] >= 0 && values[i] <= 1);
+    }
+    umb_asset_close(asset);
+}
+
 static void extents_out_of_range_are_refused_by_name(void **state)
 {
     static const struct {
@@ -451,6 +477,7 @@ int main(void)
         cmocka_unit_test(coarse_look_ups_agree_with_the_voxels),
         cmocka_unit_test(widths_in_metres_are_windows_of_the_texels_there),
         cmocka_unit_test(formats_and_splits_tell_the_same),
+        cmocka_unit_test(numbers_that_overflow_do_no_harm),
         cmocka_unit_test(extents_out_of_range_are_refused_by_name),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
