@@ -147,6 +147,12 @@ lamps: $(PROGRAMS) $(BUILD)/lamp_check ## random lamps near surfaces, each bake 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/lamps.py $(LAMPS) $(LAMP_SEED)
 .PHONY: lamps
 
+# Penumbras of lamps against rays to their points.
+AREA_LIGHTS ?= 4096 480 16
+area-lights: $(PROGRAMS) $(BUILD)/scenegen ## penumbras of lamps and area lights in five scenes against rays (AREA_LIGHTS="VOXELS PIXELS RAYS"): five minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/system/area_lights.py $(AREA_LIGHTS)
+.PHONY: area-lights
+
 # Every prefix and every flipped bit of small assets with all kinds of sections, both encodings.
 $(BUILD)/file_sweep: $(BUILD)/tests/agreement/file_sweep.o $(CORE_LIB)
 	$(call say,LD,$@)

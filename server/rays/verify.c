@@ -119,9 +119,6 @@ static enum umb_status prepare_queries(struct umbr_verify_job *job, uint32_t lig
     if (job->options->kind != UMBR_VERIFY_POINTS) {
         UMB__TRY(umb_volume_prepare(job->asset, light, &job->volume, error));
     }
-    if (job->options->kind == UMBR_VERIFY_BOXES) {
-        UMB__TRY(umb_volume_check_parallel(&job->volume, error));
-    }
     if (job->options->kind == UMBR_VERIFY_COLUMNS) {
         UMB__TRY(umb_volume_check_columns(&job->volume, error));
     }

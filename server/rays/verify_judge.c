@@ -337,6 +337,16 @@ uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
     return compared;
 }
 
+/* Returns 1 for a point behind the plane of an area light, which shines to one side. */
+static int is_behind_light(const struct umbr_verify_block *block, const double local[3])
+{
+    const struct umb_light_info *light = &block->job->light;
+    double way[3];
+    umb__subtract(local, light->position, way);
+    return (light->kind == UMB_LIGHT_RECTANGLE || light->kind == UMB_LIGHT_DISC) &&
+           !(umb__dot(way, light->direction) > 0);
+}
+
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
                            size_t count)
 {
@@ -346,5 +356,13 @@ uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sa
         memcpy(local[i], samples[i].local, sizeof local[i]);
     }
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
-    return umbr_verify_judge_answers(block, samples, lit, count);
+    uint64_t compared = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (is_behind_light(block, local[i])) { /* A rule, and nothing to trace */
+            compared += umbr_verify_count(block, lit[i] ? UMBR_WRONG : UMBR_AGREES, local[i]);
+        } else {
+            compared += umbr_verify_judge_answers(block, &samples[i], &lit[i], 1);
+        }
+    }
+    return compared;
 }

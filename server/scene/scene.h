@@ -76,6 +76,14 @@ struct umbs_light {
     double color[3];
 };
 
+/* Extent of a light, beside its struct umbs_light. */
+struct umbs_light_extent {
+    uint32_t is_given; /* 1: the file gives the light's extent; 0: the rest is 0 */
+    uint32_t reserved;
+    double extent;  /* as struct umb_light_info: radians (directional) or metres */
+    double side[3]; /* as struct umb_light_info */
+};
+
 enum umbs_wrap {
     UMBS_WRAP_REPEAT = 0,
     UMBS_WRAP_CLAMP = 1,
@@ -103,6 +111,7 @@ struct umbs_scene_view {
     const struct umbs_instance *instances;
     const struct umbs_material *materials;
     const struct umbs_light *lights;
+    const struct umbs_light_extent *extents; /* [light_count]; NULL: the file gives none */
     const struct umbs_texture *textures;
     const double (*positions)[3];   /* [vertex_count], mesh space */
     const float (*uvs)[2];          /* [vertex_count] or NULL; u right, v up over the image */

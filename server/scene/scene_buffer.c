@@ -16,11 +16,12 @@
 #include "base/vec.h"
 #include "common/clean_text.h"
 
-_Static_assert(sizeof(struct umbs_scene_header) == 216, "header without padding");
+_Static_assert(sizeof(struct umbs_scene_header) == 232, "header without padding");
 _Static_assert(sizeof(struct umbs_mesh) == 24, "mesh without padding");
 _Static_assert(sizeof(struct umbs_instance) == 104, "instance without padding");
 _Static_assert(sizeof(struct umbs_material) == 104, "material without padding");
 _Static_assert(sizeof(struct umbs_light) == 176, "light without padding");
+_Static_assert(sizeof(struct umbs_light_extent) == 40, "extent without padding");
 _Static_assert(sizeof(struct umbs_texture) == 96, "texture without padding");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over little-endian bytes");
 
@@ -46,6 +47,7 @@ static const struct section_kind section_kinds[UMBS_SECTION_COUNT] = {
     [UMBS_SECTION_TRIANGLES] = {"triangle_count", 3 * sizeof(uint32_t), UINT32_MAX},
     [UMBS_SECTION_ALPHA] = {"alpha_bytes", 1, 1ULL << 40},
     [UMBS_SECTION_WARNINGS] = {"warnings bytes", 1, 1ULL << 24},
+    [UMBS_SECTION_EXTENTS] = {"extent count", sizeof(struct umbs_light_extent), UINT32_MAX},
 };
 
 size_t umbs_section_item_bytes(enum umbs_section section)
@@ -151,6 +153,11 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
         return bad(error, "normal count", normals, "must be 0 or",
                    header->counts[UMBS_SECTION_POSITIONS]);
     }
+    const uint64_t extents = header->counts[UMBS_SECTION_EXTENTS];
+    if (extents != 0 && extents != header->counts[UMBS_SECTION_LIGHTS]) {
+        return bad(error, "extent count", extents, "must be 0 or",
+                   header->counts[UMBS_SECTION_LIGHTS]);
+    }
     return UMB_OK;
 }
 
@@ -173,6 +180,9 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     view->instances = (const void *)(bytes + offsets[UMBS_SECTION_INSTANCES]);
     view->materials = (const void *)(bytes + offsets[UMBS_SECTION_MATERIALS]);
     view->lights = (const void *)(bytes + offsets[UMBS_SECTION_LIGHTS]);
+    view->extents = counts[UMBS_SECTION_EXTENTS] > 0
+                        ? (const void *)(bytes + offsets[UMBS_SECTION_EXTENTS])
+                        : NULL;
     view->textures = (const void *)(bytes + offsets[UMBS_SECTION_TEXTURES]);
     view->positions = (const void *)(bytes + offsets[UMBS_SECTION_POSITIONS]);
     view->uvs =
@@ -326,7 +336,7 @@ static const char *light_fault(const struct umbs_light *light)
     if (!is_name(light->name)) {
         return "name is not clean text";
     }
-    if (light->kind > UMB_LIGHT_POINT) {
+    if (light->kind >= UMB_LIGHT_KINDS) {
         return "kind is unknown";
     }
     if (light->reserved != 0) {
@@ -356,10 +366,32 @@ static const char *light_fault(const struct umbs_light *light)
     return NULL;
 }
 
+static const char *extent_fault(const struct umbs_light_extent *extent,
+                                const struct umbs_light *light)
+{
+    const double side = umb__length(extent->side);
+    const double most = light->kind == UMB_LIGHT_DIRECTIONAL ? PI : UMB_LAMP_SIZE_MAX;
+    if (extent->is_given > 1 || extent->reserved != 0) {
+        return "is_given is not 0 or 1, or reserved is not 0";
+    }
+    if (!in_range(extent->extent, 0.0, extent->is_given ? most : 0.0)) {
+        return "extent is negative, not finite or too large";
+    }
+    if (!in_range(side, 0.0, light->kind == UMB_LIGHT_RECTANGLE ? UMB_LAMP_SIZE_MAX : 0.0)) {
+        return "side is not finite, too large, or not of a rectangle";
+    }
+    return fabs(umb__dot(extent->side, light->direction)) <= UNIT_TOLERANCE * side
+               ? NULL
+               : "side is not across the direction";
+}
+
 static enum umb_status check_lights(const struct umbs_scene_view *view, struct umb_error *error)
 {
     for (size_t i = 0; i < view->light_count; i++) {
         const char *rule = light_fault(&view->lights[i]);
+        if (rule == NULL && view->extents != NULL) {
+            rule = extent_fault(&view->extents[i], &view->lights[i]);
+        }
         if (rule != NULL) {
             return bad_item(error, "light", i, rule);
         }

@@ -21,7 +21,7 @@
  */
 #include "scene/scene.h"
 
-#define UMBS_SCENE_MAGIC "UMBSCN1\n"
+#define UMBS_SCENE_MAGIC "UMBSCN2\n"
 
 /* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries
  * have the same limit, so products stay finite in float. */
@@ -41,6 +41,7 @@ enum umbs_section {
     UMBS_SECTION_ALPHA,
     UMBS_SECTION_NORMALS,  /* vertex_count or none */
     UMBS_SECTION_WARNINGS, /* with its NUL */
+    UMBS_SECTION_EXTENTS,  /* light_count or none */
     UMBS_SECTION_COUNT
 };
 

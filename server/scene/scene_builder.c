@@ -194,9 +194,27 @@ enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
 }
 
 enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
-                                     const struct umbs_light *light, struct umb_error *error)
+                                     const struct umbs_light *light,
+                                     const struct umbs_light_extent *extent,
+                                     struct umb_error *error)
 {
-    return append(builder, UMBS_SECTION_LIGHTS, light, 1, error);
+    static const struct umbs_light_extent none = {0};
+    UMB__TRY(append(builder, UMBS_SECTION_EXTENTS, extent != NULL ? extent : &none, 1, error));
+    const enum umb_status status = append(builder, UMBS_SECTION_LIGHTS, light, 1, error);
+    builder->extents.count -= status != UMB_OK;
+    return status;
+}
+
+/* Returns the number of extents to write: none if the file gives none, so that the scene's hash is
+ * that of its lights alone. */
+static size_t extent_count(const struct umbs_scene_builder *builder)
+{
+    const struct umbs_light_extent *extents = builder->extents.data;
+    size_t given = 0;
+    for (size_t i = 0; i < builder->extents.count; i++) {
+        given += extents[i].is_given;
+    }
+    return given > 0 ? builder->extents.count : 0;
 }
 
 enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
@@ -280,6 +298,7 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
     for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
         header.counts[i] = builder->sections[i].count + (i == UMBS_SECTION_WARNINGS);
     }
+    header.counts[UMBS_SECTION_EXTENTS] = extent_count(builder);
     const char *field = umbs_scene_layout(header.counts, header.offsets, &header.total_bytes);
     if (field != NULL) {
         return umb_fail(error, UMB_E_LIMIT, "%s is over its limit", field);

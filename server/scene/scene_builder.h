@@ -44,6 +44,7 @@ struct umbs_scene_builder {
             struct umbs_array alpha;     /* uint8_t */
             struct umbs_array normals;   /* float[3], at most as many as positions */
             struct umbs_array warnings;  /* char, without a NUL */
+            struct umbs_array extents;   /* struct umbs_light_extent, as many as lights */
         };
         struct umbs_array sections[UMBS_SECTION_COUNT];
     };
@@ -113,8 +114,10 @@ struct umbs_material umbs_material_opaque(void);
 UMB_CHECKED enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
                                                     const struct umbs_material *material,
                                                     struct umb_error *error);
+/* extent: NULL = the file gives none. */
 UMB_CHECKED enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
                                                  const struct umbs_light *light,
+                                                 const struct umbs_light_extent *extent,
                                                  struct umb_error *error);
 
 /* Appends an alpha texture and its pixels, uint8[height][width]; texture->offset is set here. */

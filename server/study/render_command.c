@@ -211,17 +211,19 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Fails if --truth disc is wanted for a light that is not directional or has no extent: rays over
- * the light's disc are traced for directional lights only. */
+/* Fails if --truth disc is wanted for a light without an extent: it traces rays to the light's
+ * points. */
 static enum umb_status truths_check(const struct render *render, struct umb_error *error)
 {
     for (uint32_t i = 0; i < render->lights.count; i++) {
         const struct umbt_truth *truth = &render->lights.truths[i];
+        const double extent = truth->lamp != NULL ? truth->lamp->extent : truth->extent;
         if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC &&
-            (truth->lamp != NULL || !(truth->extent > 0))) {
-            return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is %s",
+            !(extent > 0)) {
+            return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is a point; %s",
                             render->lights.numbers[i],
-                            truth->lamp != NULL ? "not directional" : "a point; give --light-size");
+                            truth->lamp != NULL ? "bake it with --light-size or --area"
+                                                : "give --light-size");
         }
     }
     return UMB_OK;

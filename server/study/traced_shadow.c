@@ -9,6 +9,7 @@
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
+#define LAMP_SHARE 1e-6 /* share of the way at its end that rays to points of a lamp leave out */
 
 struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
                                 const double origin[3], const struct umb_frustum_info *frustum)
@@ -208,26 +209,72 @@ static void square_to_disc(double a, double b, double *x, double *y)
     *y = radius * (wide ? sin(turn) : cos(turn));
 }
 
-/* Share of the rays over the light's disc that reach it. */
+/* A light with an extent: its points are middle + a half[0] + b half[1], with a and b in the unit
+ * disc or the square -1..1. The middle of parallel light is a direction. */
+struct area {
+    double half[2][3];
+    int is_round;
+};
+
+static struct area area_of(const struct umbt_truth *truth, const double from[3])
+{
+    const struct umb_light_info *lamp = truth->lamp;
+    struct area area = {.is_round = lamp == NULL || lamp->kind != UMB_LIGHT_RECTANGLE};
+    double radius = lamp != NULL ? lamp->extent / 2 : tan(truth->extent / 2), towards[3];
+    if (!area.is_round) {
+        umb__cross(lamp->side, lamp->direction, area.half[1]);
+        (void)umbt_normalize(area.half[1]);
+        for (int k = 0; k < 3; k++) {
+            area.half[0][k] = lamp->side[k] / 2;
+            area.half[1][k] *= radius;
+        }
+        return area;
+    }
+    (void)umbt_towards_light(lamp, truth->to_light, from, towards);
+    /* A sphere is the disc across the way to it; a flat one stands as it is. */
+    across(lamp != NULL && lamp->kind == UMB_LIGHT_DISC ? lamp->direction : towards, area.half[0],
+           area.half[1]);
+    for (int k = 0; k < 3; k++) {
+        area.half[0][k] *= radius;
+        area.half[1][k] *= radius;
+    }
+    return area;
+}
+
+/* Share of the rays to the light's points that reach it. */
 static float disc_visibility(const struct umbt_truth *truth, const double from[3],
                              const double normal[3])
 {
-    const double radius = tan(truth->extent / 2), side = (double)truth->samples;
-    double u[3], v[3], x, y;
+    const struct area area = area_of(truth, from);
+    const double side = (double)truth->samples;
     double lit = 0.0;
-    across(truth->to_light, u, v);
     for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
-        double direction[3];
-        square_to_disc(2 * (i % truth->samples + 0.5) / side - 1,
-                       2 * (i / truth->samples + 0.5) / side - 1, &x, &y);
-        umbt_along(truth->to_light, radius * x, u, direction);
-        umbt_along(direction, radius * y, v, direction);
+        double direction[3], x = 2 * (i % truth->samples + 0.5) / side - 1;
+        double y = 2 * (i / truth->samples + 0.5) / side - 1;
+        if (area.is_round) {
+            square_to_disc(x, y, &x, &y);
+        }
+        if (truth->lamp != NULL) {
+            umb__subtract(truth->lamp->position, from, direction);
+        } else {
+            umbt_along(truth->to_light, 0, normal, direction);
+        }
+        umbt_along(direction, x, area.half[0], direction);
+        umbt_along(direction, y, area.half[1], direction);
+        const double far = umb__length(direction);
         (void)umbt_normalize(direction);
-        lit += umb__dot(direction, normal) > 0.0
-                   ? ray_share(truth, from, direction, FAR_FACTOR * truth->diagonal_m)
-                   : 0.0;
+        const double reach =
+            truth->lamp != NULL ? far * (1 - LAMP_SHARE) : FAR_FACTOR * truth->diagonal_m;
+        lit += umb__dot(direction, normal) > 0.0 ? ray_share(truth, from, direction, reach) : 0.0;
     }
     return (float)lit / (float)(truth->samples * truth->samples);
+}
+
+/* Returns whether a point lies behind the plane of an area light, which shines to one side. */
+static int is_behind(const struct umb_light_info *lamp, const double towards[3])
+{
+    return lamp != NULL && (lamp->kind == UMB_LIGHT_RECTANGLE || lamp->kind == UMB_LIGHT_DISC) &&
+           !(umb__dot(towards, lamp->direction) < 0.0);
 }
 
 float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
@@ -236,7 +283,7 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     struct window window;
     double towards[3];
     (void)umbt_towards_light(truth->lamp, truth->to_light, point, towards);
-    if (!(umb__dot(normal, towards) > 0.0)) {
+    if (!(umb__dot(normal, towards) > 0.0) || is_behind(truth->lamp, towards)) {
         return 0.0F;
     }
     if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {

@@ -18,8 +18,9 @@
  * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. The remaining difference
  *   includes everything: resolution, bias and filter.
  * - UMBT_TRUTH_DISC, the default for penumbras: samples x samples rays from the surface, spread
- *   evenly over the light's disc (the concentric map of Shirley and Chiu 1997). The remaining
- *   difference includes everything. Parallel light only.
+ *   evenly over the light: its disc (the concentric map of Shirley and Chiu 1997), its rectangle,
+ *   or the disc across the way to a spot or point light. The remaining difference includes
+ *   everything.
  *
  * Precision: for the last two, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
@@ -40,7 +41,8 @@ struct umbt_truth {
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
     uint32_t samples;                  /* AREA and DISC: rays a side, 1..64 */
-    double extent;                     /* DISC: angular diameter of the light in radians */
+    double extent;                     /* DISC: angular diameter of parallel light in radians;
+                                          lamps have theirs */
     double to_light[3];                /* unit; of parallel light */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
     const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */

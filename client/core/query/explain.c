@@ -188,10 +188,11 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         explanation->transmittance = umb__transmittance_at(&q, points, index);
         explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
     }
-    if (q.footprint_inner != NULL) { /* The window is explained as without a footprint */
+    const bool is_wide = q.face_count > 0 && q.filter == UMB_FILTER_PENUMBRA;
+    if (q.footprint_inner != NULL || is_wide) { /* The window is explained as without the filter */
         const struct umb_points one = umb__some_points(points, index, 1);
         (void)answer_one(&q, q.run, &one, explanation);
         explanation->filter = q.filter;
-        explanation->footprint_m = umb__footprint_of(&q, &one, 0);
+        explanation->footprint_m = is_wide ? 0 : umb__footprint_of(&q, &one, 0);
     }
 }

@@ -152,12 +152,18 @@ UMB__INLINE uint64_t umb__bits_of(double value)
  * most as wide. Powers of two are added to the bits of the exponent. */
 static inline void umb__receivers_level(const struct umb__query *q, struct umb__receivers *r)
 {
+    /* Area lights shine to one side; windows answer points behind them. */
+    const bool one_sided = q->face_count > 0 && umb__is_one_sided(q);
     for
         UMB__EACH_LANE(i)
         {
             const double least = (double)q->taps * r->texel_m[i], side = r->side[i];
             const double facing = umb__dot_lane(r->normal, r->light, i);
-            const bool away = r->has_normal[i] != 0 && facing >= 0;
+            const double ahead = r->light[0][i] * q->direction[0] +
+                                 r->light[1][i] * q->direction[1] +
+                                 r->light[2][i] * q->direction[2];
+            const bool away =
+                (r->has_normal[i] != 0 && facing >= 0) || (one_sided && !(ahead > 0));
             const bool wider = side > least && least > 0 && !away;
             const uint64_t from = umb__bits_of(wider ? least : 1),
                            to = umb__bits_of(wider ? side : 1);

@@ -98,6 +98,14 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     if (wanted == 0 || plan->filter->info.has_footprints) {
         return UMB_OK;
     }
+    if (!is_parallel(plan)) { /* Texels grow with the distance: each point has its own width */
+        *taps = UMB_TAPS_MAX;
+        return wanted > 0 && wanted <= UMB_FOOTPRINT_MAX
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT,
+                              "footprint_m: %g, must be above 0 and at most %g", wanted,
+                              UMB_FOOTPRINT_MAX);
+    }
     const double(*step)[3] = plan->frustum->voxel_step;
     const double texel_m = (umb__length(step[0]) + umb__length(step[1])) / 2;
     const double limit = (UMB_TAPS_MAX + 1) * texel_m;
@@ -111,16 +119,18 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     return UMB_OK;
 }
 
-static umb__kernel *kernel_of(const struct umb__filter *filter)
+static umb__kernel *kernel_of(const struct umb__plan *plan)
 {
     const struct umb__kernels *here = umb__kernels_here();
-    return filter->kernel != NULL ? filter->kernel : filter->is_tent ? here->tents : here->windows;
+    const struct umb__filter *filter = plan->filter;
+    const bool is_own = filter->kernel != NULL && (filter->lamp_run == NULL || is_parallel(plan));
+    return is_own ? filter->kernel : filter->is_tent ? here->tents : here->windows;
 }
 
 /* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
-    umb__kernel *kernel = kernel_of(plan->filter);
+    umb__kernel *kernel = kernel_of(plan);
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;
     const struct umb__top *top = &view->tops[plan->light->first_frustum];
@@ -137,7 +147,7 @@ static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
         .column_level = top->column_level,
         .frustum = plan->light->first_frustum,
         .taps = taps,
-        .total = plan->filter->total != NULL ? plan->filter->total(taps) : (uint32_t)(taps * taps),
+        .total = umb__window_total(plan->filter, taps),
         .level = plan->settings->level,
         .filter = plan->settings->filter,
         .bias_mode = plan->settings->bias_mode,

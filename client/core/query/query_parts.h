@@ -74,7 +74,8 @@ struct umb__query {
     const struct umb__top *tops;          /* [face_count] */
     uint32_t face_count;                  /* Number of faces; 0: a directional light */
     uint32_t first_face;                  /* Number of the first face in the asset */
-    double position[3]; /* Position of the light, relative to the asset's origin */
+    double position[3];                /* Position of the light, relative to the asset's origin */
+    const struct umb_light_info *lamp; /* The light; NULL: a directional light */
     /* Translucent casters (transmittance_stage.c). */
     const struct umb__trans *trans; /* Transmittance maps; NULL: the stage is left out */
     int32_t transmittance_taps;     /* Width in voxels of the box whose transmittance is averaged */

@@ -29,19 +29,27 @@ struct umb__filter {
     const char *partial; /* Reason for which partial assets refuse it; NULL: they take it */
     /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
-    umb__kernel *kernel;             /* Kernel; NULL: that of windows, or of tents */
-    bool is_tent;                    /* True: the kernel is that of tents */
+    umb__kernel *kernel; /* Kernel; NULL: that of windows, or of tents */
+    bool is_tent;        /* True: the kernel is that of tents */
+    /* Stage that answers points under lamps; NULL: that of faces (perspective.c) */
+    umb__kernel *lamp_run;
     uint32_t (*total)(int32_t taps); /* Sum of the weights of a window; NULL: taps * taps */
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
-    /* Cost of a point without its window, in look-ups of one tap; and the cost added for each
-     * radian of the light's extent */
-    double work, work_radian;
+    /* Cost of a point without its window, in look-ups of one tap; and the costs added for each
+     * radian of a sun's extent, and for a lamp */
+    double work, work_radian, work_lamp;
 };
 
 /* Returns a filter; one named "unknown" for any other number. */
 const struct umb__filter *umb__filter_of(enum umb_filter filter);
+
+/* Returns the sum of the weights of a window of `taps` texels. */
+static inline uint32_t umb__window_total(const struct umb__filter *filter, int32_t taps)
+{
+    return filter->total != NULL ? filter->total(taps) : (uint32_t)(taps * taps);
+}
 
 extern const struct umb__filter umb__filter_tent, umb__filter_gaussian;
 extern const struct umb__filter umb__filter_penumbra, umb__filter_footprint;

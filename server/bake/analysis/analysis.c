@@ -296,6 +296,7 @@ static enum umb_status analyse(struct umbb_analysis *analysis, const struct umbs
     for (uint32_t i = 0; options->penumbra == UMBB_PENUMBRA_OFF && i < analysis->choice.count;
          i++) {
         analysis->choice.lights[i].extent = 0.0;
+        memset(analysis->choice.lights[i].side, 0, sizeof analysis->choice.lights[i].side);
     }
     return fit_frusta(analysis, options->resolution_log2, error);
 }

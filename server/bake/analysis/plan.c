@@ -9,6 +9,7 @@
 
 #include "bake/options/bake_options.h"
 #include "bake/base/print_text.h"
+#include "base/vec.h"
 #include "format/receiver_mask.h"
 
 /* Relative rounding error of a coordinate stored as a float. */
@@ -129,7 +130,7 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
                              double *voxels)
 {
     const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
-    double edges[3], width = light->extent;
+    double edges[3], width = fmax(light->extent, umb__length(light->side));
     umb_frustum_voxel_edges(frustum, edges);
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         width *= (double)((uint64_t)1 << frustum->log2_size) * edges[2];
@@ -138,14 +139,10 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
     return width;
 }
 
-/* Reason why penumbras of a light are off; NULL if they are on. */
+/* Reason why penumbras are off; NULL if they are on. */
 static const char *penumbra_refusal(const struct umbb_analysis *a,
-                                    const struct umbb_options *options,
-                                    const struct umb_light_info *light)
+                                    const struct umbb_options *options)
 {
-    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
-        return "queries have none of spot and point lights: ";
-    }
     if (options->static_rule) {
         return "the static rule leaves out what lies off the surfaces: ";
     }
@@ -183,7 +180,7 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
         return;
     }
     const double width = penumbra_width(a, worst, &voxels);
-    const char *refusal = penumbra_refusal(a, options, worst);
+    const char *refusal = penumbra_refusal(a, options);
     fprintf(to, "effect=penumbra state=%s reason=\"%s", refusal ? "off" : "on",
             refusal ? refusal : "");
     if (worst->kind == UMB_LIGHT_DIRECTIONAL) {
@@ -203,9 +200,11 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
 /* Several directional lights, and the frusta of spot and point lights. */
 static void write_lights(FILE *to, const struct umbb_analysis *a)
 {
-    uint32_t directional = 0;
+    uint32_t directional = 0, flat = 0;
     for (uint32_t i = 0; i < a->choice.count; i++) {
-        directional += a->choice.lights[i].kind == UMB_LIGHT_DIRECTIONAL;
+        const enum umb_light_kind kind = a->choice.lights[i].kind;
+        directional += kind == UMB_LIGHT_DIRECTIONAL;
+        flat += kind == UMB_LIGHT_RECTANGLE || kind == UMB_LIGHT_DISC;
     }
     if (directional > 1) {
         fprintf(to,
@@ -216,10 +215,11 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     if (directional < a->choice.count) {
         const uint32_t others = a->choice.count - directional;
         fprintf(to,
-                "effect=faces state=on reason=\"%u spot or point lights see casters in %u frusta; "
+                "effect=faces state=on reason=\"%u %s lights see casters in %u frusta; "
                 "the other cube faces are left out\" cost=\"a frustum of depth, build and nodes "
                 "each; %d texels of guard band at each face's edge; each query picks a face\"\n",
-                others, a->frustum_count - directional, UMBB_GUARD_TEXELS);
+                others, flat > 0 ? "spot, point or area" : "spot or point",
+                a->frustum_count - directional, UMBB_GUARD_TEXELS);
     }
 }
 
@@ -350,7 +350,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
         if (light->kind != UMB_LIGHT_DIRECTIONAL) {
             fprintf(to, "light.%u.position=%.17g,%.17g,%.17g\n", i, p[0], p[1], p[2]);
         }
-        if (light->kind == UMB_LIGHT_SPOT) {
+        if (light->kind != UMB_LIGHT_DIRECTIONAL && light->kind != UMB_LIGHT_POINT) {
             fprintf(to, "light.%u.cone=%.17g\n", i, analysis->choice.cones[i]);
         }
     }
@@ -373,12 +373,15 @@ static void print_light(FILE *to, const struct umbb_analysis *a, const struct um
     const double *d = light->direction, *p = light->position;
     umbb_escape(light->name, name, sizeof name);
     umb_frustum_voxel_edges(&a->frusta[light->first_frustum], edges);
-    fprintf(to, "light=\"%s\" kind=%s", name, umbb_light_kind_text(light->kind));
+    fprintf(to, "light=\"%s\" kind=%s", name, umb_light_kind_name(light->kind));
     if (light->kind != UMB_LIGHT_POINT) {
         fprintf(to, " direction=%.9g,%.9g,%.9g", d[0], d[1], d[2]);
     }
     if (light->kind != UMB_LIGHT_DIRECTIONAL) {
         fprintf(to, " position=%.9g,%.9g,%.9g frusta=%u", p[0], p[1], p[2], light->frustum_count);
+    }
+    if (light->kind == UMB_LIGHT_RECTANGLE) {
+        fprintf(to, " side=%.6g,%.6g,%.6g", light->side[0], light->side[1], light->side[2]);
     }
     fprintf(to, " extent=%.6g voxel_m=%.6g,%.6g,%.6g\n", light->extent, edges[0], edges[1],
             edges[2]);
@@ -409,10 +412,13 @@ void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights
     for (uint32_t i = 0; i < count; i++) {
         umbu_json_begin(json, NULL, '{');
         umbu_json_text(json, "name", lights[i].name);
-        umbu_json_text(json, "kind", umbb_light_kind_text(lights[i].kind));
+        umbu_json_text(json, "kind", umb_light_kind_name(lights[i].kind));
         umbu_json_vector(json, "direction", lights[i].direction);
         umbu_json_vector(json, "position", lights[i].position);
         umbu_json_number(json, "extent", lights[i].extent);
+        if (lights[i].kind == UMB_LIGHT_RECTANGLE) {
+            umbu_json_vector(json, "side", lights[i].side);
+        }
         umbu_json_integer(json, "frusta", lights[i].frustum_count);
         umbu_json_end(json, '}');
     }

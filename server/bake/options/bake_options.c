@@ -115,6 +115,12 @@ static const struct umbu_option ASSET[] = {
                "X,Y,Z,DX,DY,DZ,DEGREES: a place, a direction that is not zero, and half of the "
                "cone's angle, above 0 and at most 90"),
      LIGHTS},
+    {UMBU_BAKE_AREA,
+     UMBU_READ(umbb_light_option_area,
+               "X,Y,Z,DX,DY,DZ,DIAMETER or X,Y,Z,DX,DY,DZ,WIDTH,HEIGHT[,AX,AY,AZ]: a place, a "
+               "direction that is not zero, sizes above 0 and at most 1000000 m, and an axis that "
+               "is not zero"),
+     LIGHTS},
     {UMBU_BAKE_LIGHT, UMBU_READ(umbb_light_option_name, "the name of a light"), LIGHTS},
     {UMBU_BAKE_LIGHT_SIZE,
      UMBU_READ(umbb_light_option_size,

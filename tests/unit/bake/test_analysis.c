@@ -302,7 +302,8 @@ static void sun_paths_and_sizes_become_lights(void **state)
     assert_true(a.choice.lights[5].direction[2] < -0.999); /* noon: from above */
     assert_true(a.choice.lights[0].direction[0] < -0.9);   /* morning: towards the west */
     assert_true(fabs(a.choice.lights[0].extent - 0.00925) < 1e-5);
-    assert_true(a.choice.lights[12].extent == 0.0);
+    /* A sun of the file has the sun's size, too. */
+    assert_true(a.choice.lights[12].extent == a.choice.lights[0].extent);
     umbb_analysis_finish(&a);
     wanted->has_size_deg = 1;
     wanted->size_deg = 2.0;
@@ -461,7 +462,7 @@ static void plan_says_what_this_version_leaves_out(void **state)
     assert_non_null(strstr(plan, "effect=suns state=on reason=\"2 directional lights"));
     assert_non_null(strstr(plan, "effect=faces state=on reason=\"1 spot or point lights see "
                                  "casters in 1 frusta"));
-    assert_null(strstr(plan, "effect=penumbra")); /* the file's light has no extent */
+    assert_non_null(strstr(plan, "effect=penumbra")); /* the file's suns have the sun's size */
     free(plan);
     umbb_analysis_finish(&a);
     options.lights.count = 1;

@@ -60,11 +60,11 @@ static void build(struct umbs_scene_builder *builder)
         assert_int_equal(umbs_scene_add_material(builder, &material, &error), 0);
     }
     struct umbs_light light = {.name = "sun", .direction = {0, 0.6, -0.8}, .intensity = 1};
-    assert_int_equal(umbs_scene_add_light(builder, &light, &error), 0);
+    assert_int_equal(umbs_scene_add_light(builder, &light, NULL, &error), 0);
     light.kind = UMB_LIGHT_SPOT;
     light.inner_cone = 0.25;
     light.outer_cone = 0.5;
-    assert_int_equal(umbs_scene_add_light(builder, &light, &error), 0);
+    assert_int_equal(umbs_scene_add_light(builder, &light, NULL, &error), 0);
     assert_int_equal(umbs_scene_end_mesh(builder, 0, 4, 2, 1, &error), 0);
     assert_int_equal(umbs_scene_end_mesh(builder, 4, 3, 1, UMBS_NO_INDEX, &error), 0);
     static const double mirror[3][4] = {{-2, 0, 0, 10}, {0, 1, 0, 20}, {0, 0, 1, 30}};
