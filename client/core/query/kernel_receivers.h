@@ -162,8 +162,7 @@ static inline void umb__receivers_level(const struct umb__query *q, struct umb__
             const double ahead = r->light[0][i] * q->direction[0] +
                                  r->light[1][i] * q->direction[1] +
                                  r->light[2][i] * q->direction[2];
-            const bool away =
-                (r->has_normal[i] != 0 && facing >= 0) || (one_sided && !(ahead > 0));
+            const bool away = (r->has_normal[i] != 0 && facing >= 0) || (one_sided && !(ahead > 0));
             const bool wider = side > least && least > 0 && !away;
             const uint64_t from = umb__bits_of(wider ? least : 1),
                            to = umb__bits_of(wider ? side : 1);

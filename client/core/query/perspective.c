@@ -237,7 +237,7 @@ struct chunk {
 };
 
 /* Returns the number that answers are counted in: weights of the window, or halves of a cell. */
-static uint32_t total_of(const struct umb__query *q)
+static uint32_t counted_in(const struct umb__query *q)
 {
     return q->level > 0 ? 2 : q->total;
 }
@@ -269,14 +269,14 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     for (size_t i = 0; i < found; i++) {
         /* The float is the one nearest to lit / total. The total is below 2^13 or a power of two up
          * to 2^22, so the product rounds to lit exactly. */
-        chunk->lit[places[i]] = (uint32_t)((double)values[i] * (double)total_of(q) + 0.5);
+        chunk->lit[places[i]] = (uint32_t)((double)values[i] * (double)counted_in(q) + 0.5);
     }
 }
 
 static void perspective_run(const struct umb__query *q, const struct umb_points *points,
                             size_t first, size_t count, struct umb_answers *answers)
 {
-    const uint32_t total = total_of(q);
+    const uint32_t total = counted_in(q);
     for (size_t at = first; at < first + count; at += CHUNK) {
         struct chunk chunk;
         size_t n = first + count - at < CHUNK ? first + count - at : CHUNK;
@@ -319,7 +319,7 @@ static void width_run(const struct umb__query *q, const struct umb_points *point
         for (int32_t width = 1; width <= UMB_TAPS_MAX; width += 2) {
             struct umb__query one = *q;
             one.taps = width;
-            one.total = umb__window_total(umb__filter_of(q->filter), width);
+            one.total = q->total_of != NULL ? q->total_of(width) : (uint32_t)(width * width);
             one.format = UMB_ANSWER_F32;
             for (size_t i = 0, end; i < n; i = end) {
                 for (end = i; end < n && (taps[end] == width) == (taps[i] == width); end++) {

@@ -47,7 +47,8 @@ struct umb__query {
     uint32_t frustum;      /* Number of the frustum in the asset */
     int32_t taps;          /* Width of the window in texels */
     uint32_t total; /* Sum of the weights of a window's texels: the count of an all lit one */
-    uint32_t level; /* Level at which look-ups stop; 0: at the voxel */
+    uint32_t (*total_of)(int32_t taps); /* The same of windows of any width; NULL: taps * taps */
+    uint32_t level;                     /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;

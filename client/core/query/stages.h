@@ -45,12 +45,6 @@ struct umb__filter {
 /* Returns a filter; one named "unknown" for any other number. */
 const struct umb__filter *umb__filter_of(enum umb_filter filter);
 
-/* Returns the sum of the weights of a window of `taps` texels. */
-static inline uint32_t umb__window_total(const struct umb__filter *filter, int32_t taps)
-{
-    return filter->total != NULL ? filter->total(taps) : (uint32_t)(taps * taps);
-}
-
 extern const struct umb__filter umb__filter_tent, umb__filter_gaussian;
 extern const struct umb__filter umb__filter_penumbra, umb__filter_footprint;
 
