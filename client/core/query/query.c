@@ -68,7 +68,7 @@ static bool is_parallel(const struct umb__plan *plan)
  * Sets up the bias of a directional light. The automatic bias takes its length from voxel_step,
  * which for coarse look-ups is twice a cell's edges: s >= |n.ex| + |n.ey| + |n.ez| for cells e. The
  * whole cell around the moved point then lies on the light's side of the surface's plane, wherever
- * in the cell the point is. Coarse look-ups move along the normal only, which keeps their bound.
+ * in the cell the point is.
  */
 static void set_bias(const struct umb__plan *plan, struct umb__query *q)
 {
@@ -77,7 +77,7 @@ static void set_bias(const struct umb__plan *plan, struct umb__query *q)
     switch (q->bias_mode) {
     case UMB_BIAS_AUTO:
         q->no_normal_m = steps * umb__no_normal_m(plan, q, q->taps);
-        q->lift_texel = q->level > 0 ? 0 : umb__lift_texel(plan->frustum);
+        q->lift_texel = umb__lift_texel(plan->frustum);
         for (unsigned axis = 0; axis < 3 && q->level > 0; axis++) {
             umb__scale(steps, q->voxel_step[axis]);
         }

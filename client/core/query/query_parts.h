@@ -50,8 +50,7 @@ struct umb__query {
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
     double bias_m;      /* Bias of VOXELS and METRES: metres along the normal */
-    double lift_texel;  /* Automatic bias: voxels of depth that are as long as a texel is wide; 0: it
-                           moves points along their normals only */
+    double lift_texel;  /* Voxels of depth that are as long as a texel of parallel light is wide */
     double no_normal_m; /* Bias for points without a normal: metres towards the light */
     double world_to_voxel[3][4];
     double voxel_step[3][3];
@@ -112,10 +111,11 @@ static inline double umb__coarse_steps(const struct umb__query *q)
     return 2.0 * (double)((uint32_t)1 << q->level);
 }
 
-/* Returns the longest lift of the automatic bias in voxels of depth. */
+/* Returns the longest lift of the automatic bias in voxels of depth. Coarse look-ups have none,
+ * which keeps their bound. */
 static inline double umb__longest_lift(const struct umb__query *q)
 {
-    return UMB__LIFT_TEXELS(q->taps) * q->lift_texel;
+    return q->level > 0 ? 0 : UMB__LIFT_TEXELS(q->taps) * q->lift_texel;
 }
 
 /* Reads number `index` of an unaligned array of floats or doubles. */
