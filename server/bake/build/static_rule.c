@@ -50,6 +50,18 @@ static void set_reach(const double edge[3], struct umbb_static *rule)
     reach[2] = fmax(z + rule->longest_lift, NO_NORMAL) + 1;
 }
 
+/* Returns the greatest distance in voxels by which the bias moves a triangle's points towards the
+ * light. In: n: a normal of the triangle in voxel space. */
+static double find_lift(const struct umbb_static *rule, const double n[3])
+{
+    const double across = fabs(n[0]) + fabs(n[1]), depth = fabs(n[2]);
+    const double half = 0.5 * BIAS_SLACK * (UMB_TAPS_MAX * across + depth);
+    /* A shorter lift leaves no rest to move along n. */
+    return half < rule->longest_lift * depth
+               ? fmin(fmax(half / depth, NO_NORMAL) + 1, rule->reach[2])
+               : rule->reach[2];
+}
+
 /* A polygon and its number of corners. */
 struct polygon {
     double at[POLYGON_MAX][3];
@@ -94,12 +106,12 @@ static uint32_t clamp_floor(double v, uint32_t count)
     return !(v >= 1) ? 0 : v >= count ? count - 1 : (uint32_t)v;
 }
 
-/* Marks all cells that may contain look-ups of a box's points. */
+/* Marks all cells that may contain look-ups of a box's points. reach: of the points, in voxels. */
 static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
-                     uint64_t *cells)
+                     const double reach[3], uint64_t *cells)
 {
     const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
-    const double cell = (double)rule->casters->size / across, *reach = rule->reach;
+    const double cell = (double)rule->casters->size / across;
     uint32_t first[3], last[3];
     for (int k = 0; k < 3; k++) {
         first[k] = clamp_floor((low[k] - reach[k]) / cell, across);
@@ -117,11 +129,13 @@ static void mark_box(const struct umbb_static *rule, const double low[3], const 
 static void mark_cells(const struct umbb_static *rule, const double corners[3][3], uint64_t *cells)
 {
     const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
-    const double cell = (double)rule->casters->size / across, *reach = rule->reach;
-    double low[3], high[3];
+    const double cell = (double)rule->casters->size / across;
+    double low[3], high[3], n[3];
     bounds_of(corners, 3, low, high);
+    umb__triangle_cross(corners, n);
+    const double reach[3] = {rule->reach[0], rule->reach[1], find_lift(rule, n)};
     if (high[0] - low[0] <= cell && high[1] - low[1] <= cell && high[2] - low[2] <= cell) {
-        mark_box(rule, low, high, cells); /* cutting it into cells would hardly mark fewer */
+        mark_box(rule, low, high, reach, cells); /* cutting it into cells would hardly mark fewer */
         return;
     }
     const uint32_t x1 = clamp_floor((high[0] + reach[0]) / cell, across);
@@ -284,10 +298,7 @@ static void asked_init(struct asked *asked, const struct umbb_static *rule,
     asked->is_vertical = !(fabs(n[2]) > VERTICAL * umb__length(n));
     asked->gradient[0] = asked->is_vertical ? 0 : -n[0] / n[2];
     asked->gradient[1] = asked->is_vertical ? 0 : -n[1] / n[2];
-    const double across = fabs(asked->gradient[0]) + fabs(asked->gradient[1]);
-    const double lift = 0.5 * BIAS_SLACK * (UMB_TAPS_MAX * across + 1);
-    const int is_whole = !asked->is_vertical && lift < rule->longest_lift; /* no rest along n */
-    asked->lift = is_whole ? fmin(fmax(lift, NO_NORMAL) + 1, rule->reach[2]) : rule->reach[2];
+    asked->lift = find_lift(rule, n);
 }
 
 /*
