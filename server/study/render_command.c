@@ -55,7 +55,7 @@ static const struct umbu_option OPTIONS[] = {
      .otherwise = "2; 1 with traced windows"},
     {.setting = "light", AT(settings.light), .max = UMB_LIGHTS_MAX - 1, .standard = "0"},
     {.setting = "taps", AT(settings.taps), .otherwise = "9; 1 with --filter penumbra or footprint"},
-    {.setting = "filter", AT(settings.filter), .standard = "box"},
+    {.setting = "filter", AT(settings.filter), .standard = "footprint"},
     {UMBU_LIGHT_SIZE_ROW(struct render, settings.light_extent)},
     {UMBU_BIAS_ROW(struct render, settings)},
     {UMBU_OTHER_SETTINGS(struct render, settings,

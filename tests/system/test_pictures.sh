@@ -51,7 +51,7 @@ render() { # NAME SCENE TAPS [OPTION]...
     shift 3
     "$BUILD/umbrage" render "$scene" --asset "$folder/$name.umb" -o "$folder/$name-$taps.png" \
         --reference "$folder/ref.png" --difference "$folder/diff.png" --size 480x270 --compare \
-        --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
+        --filter box --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
 }
 
 compare() { # NAME SCENE
