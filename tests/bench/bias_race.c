@@ -40,10 +40,10 @@ struct race {
 
 /* A receiver in voxel space. */
 struct receiver {
-    double p[3], n[3];    /* position relative to the asset's origin, unit normal */
-    double v[3];          /* voxel space */
-    double along[3];      /* n . e for a voxel's edges e */
-    double slope[2];      /* voxels of depth by which the plane falls a texel */
+    double p[3], n[3]; /* position relative to the asset's origin, unit normal */
+    double v[3];       /* voxel space */
+    double along[3];   /* n . e for a voxel's edges e */
+    double slope[2];   /* voxels of depth by which the plane falls a texel */
 };
 
 static double steepness(const struct receiver *r)
@@ -69,8 +69,8 @@ static double window_share(const struct race *race, const double v[3], int64_t z
     int lit = 0;
     for (int j = 0; j < TAPS; j++) {
         for (int i = 0; i < TAPS; i++) {
-            lit += voxel_lit(race, (int64_t)floor(v[0]) + i - HALF,
-                             (int64_t)floor(v[1]) + j - HALF, z[j][i]);
+            lit += voxel_lit(race, (int64_t)floor(v[0]) + i - HALF, (int64_t)floor(v[1]) + j - HALF,
+                             z[j][i]);
         }
     }
     return (double)lit / (TAPS * TAPS);
@@ -131,8 +131,8 @@ static double by_plane(const struct race *race, const struct receiver *r)
     int64_t z[TAPS][TAPS];
     for (int i = 0; i < TAPS * TAPS; i++) {
         const double x = i % TAPS - HALF, y = i / TAPS - HALF;
-        z[i / TAPS][i % TAPS] = (int64_t)floor(middle_depth(r) + r->slope[0] * x +
-                                               r->slope[1] * y - margin(r));
+        z[i / TAPS][i % TAPS] =
+            (int64_t)floor(middle_depth(r) + r->slope[0] * x + r->slope[1] * y - margin(r));
     }
     return window_share(race, r->v, z);
 }
@@ -170,7 +170,7 @@ static double by_thirds(const struct race *race, const struct receiver *r)
 static const struct candidate {
     const char *name;
     double (*share)(const struct race *race, const struct receiver *r);
-} candidates[] = {{"normal", by_normal}, {"light", by_light}, {"smallest", smallest},
+} candidates[] = {{"normal", by_normal}, {"light", by_light},   {"smallest", smallest},
                   {"rows", by_rows},     {"thirds", by_thirds}, {"plane", by_plane}};
 
 static const struct asked {
@@ -266,7 +266,8 @@ static void race_open(struct race *race, char **argv)
     struct umb_query query;
     const struct umb_query_settings bare = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
     const struct umbt_camera_request fitted = {0};
-    const uint32_t size[2] = {(uint32_t)atoi(argv[3]), (uint32_t)atoi(argv[4])};
+    const uint32_t size[2] = {(uint32_t)strtoul(argv[3], NULL, 10),
+                              (uint32_t)strtoul(argv[4], NULL, 10)};
     require(umb_asset_open_file(argv[2], NULL, &race->asset, &error), &error);
     require(umb_query_prepare(race->asset, &bare, &query, &error), &error);
     memcpy(&race->q, query.opaque, sizeof race->q);
@@ -287,8 +288,8 @@ static float *ask(const struct race *race, const struct asked *asked_for)
     struct umb_error error;
     struct umb_query query;
     struct umb_query_settings settings = asked_for->settings;
-    const struct umb_points points = umbt_points_at(
-        race->view.positions[0], race->view.normals[0], race->view.receiver_count);
+    const struct umb_points points =
+        umbt_points_at(race->view.positions[0], race->view.normals[0], race->view.receiver_count);
     struct umb_answers answers = {.values = calloc(points.count + 1, sizeof(float))};
     settings.format = UMB_ANSWER_F32;
     require(umb_query_prepare(race->asset, &settings, &query, &error), &error);

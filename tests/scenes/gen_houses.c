@@ -55,9 +55,10 @@ static void add_wall(struct gen_mesh *mesh, const struct wall *wall, int door)
         const int32_t across[2] = {opening[0] - JOINT_MM, opening[1] + JOINT_MM};
         const int32_t before[2] = {at, opening[0]};
         add_piece(mesh, wall, before, (const int32_t[2]){-JOINT_MM, wall->height}, 0);
-        add_piece(mesh, wall, across,
-                  (const int32_t[2]){is_door ? DOOR_TOP_MM : WINDOW_TOP_MM, wall->height - JOINT_MM},
-                  LINTEL_SUNK_MM);
+        add_piece(
+            mesh, wall, across,
+            (const int32_t[2]){is_door ? DOOR_TOP_MM : WINDOW_TOP_MM, wall->height - JOINT_MM},
+            LINTEL_SUNK_MM);
         if (!is_door) {
             add_piece(mesh, wall, across, (const int32_t[2]){-2 * JOINT_MM, SILL_MM},
                       LINTEL_SUNK_MM);
@@ -79,10 +80,14 @@ static void add_house(struct gen_mesh *mesh, struct gen_point2 at, struct gen_rn
     gen_box(mesh, core_low, core_high);
     for (int side = -1; side <= 1; side += 2) {
         /* Walls along y stand between those along x, which have the corners. */
-        const struct wall along_x = {0, at.y + side * hy, -side, depth, at.x - hx, at.x + hx,
-                                     height};
-        const struct wall along_y = {1,      at.x + side * hx,           -side,
-                                     depth,  at.y - hy + depth / 2,      at.y + hy - depth / 2,
+        const struct wall along_x = {0,         at.y + side * hy, -side, depth,
+                                     at.x - hx, at.x + hx,        height};
+        const struct wall along_y = {1,
+                                     at.x + side * hx,
+                                     -side,
+                                     depth,
+                                     at.y - hy + depth / 2,
+                                     at.y + hy - depth / 2,
                                      height - 3 * JOINT_MM};
         add_wall(mesh, &along_x, side < 0);
         add_wall(mesh, &along_y, 0);

@@ -5,8 +5,8 @@
  *
  *   bias     s = k (t (|n.ex| + |n.ey|) + |n.ez|) <= k d for a unit normal n, where d is the
  *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; coarse
- *            look-ups have cells in place of voxels and k = 65/64. Lifts under parallel light move a
- *            point by l <= L metres towards the light and by r = s - l c along n, with c the cosine
+ *            look-ups have cells in place of voxels and k = 65/64. Under parallel light a point
+ *            moves by l <= L metres towards the light and by s - l c along n, with c the cosine
  *            between the two. The square of the whole move is s^2 + l^2 (1 - c^2) <= s^2 + L^2.
  *            Points without a normal move by a length of their own (query.c, perspective.c).
  *   look-up  the centre of a voxel of the window is at most d / 2 from the moved point; a boundary

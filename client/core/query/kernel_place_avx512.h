@@ -24,23 +24,23 @@
  * texels before the point's texel, and is inside if both its ends are. A block with a doubtful
  * point is placed again; one coordinate in 2^27 is doubtful.
  *
- * Normals of a given bias: points are moved along their normals n by lengths computed in floats (u =
- * 2^-24), added as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the sum
- * of |m_k| over an axis's row m. The roundings: the product of the normal and a row rounds each
- * constant, one product and two fused ones, 4 u of the sum of its terms; the length, its quotient by
- * the root of n.n and the last product have 8 u. So the slack grows by 32 u times the length times
- * A, rounded up to a power of two, so that fractions are tested by their bits.
+ * Normals of a given bias: points are moved along their normals n by lengths computed in floats (u
+ * = 2^-24), added as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the
+ * sum of |m_k| over an axis's row m. The roundings: the product of the normal and a row rounds each
+ * constant, one product and two fused ones, 4 u of the sum of its terms; the length, its quotient
+ * by the root of n.n and the last product have 8 u. So the slack grows by 32 u times the length
+ * times A, rounded up to a power of two, so that fractions are tested by their bits.
  *
  * Normals of the automatic bias (umb__lift_auto): all in doubles (w = 2^-53), with n.n as above and
  * one reciprocal for all quotients. With l the lengths of a voxel's edges, a lift of `most` voxels
  * or less has |n.ez| >= |n| l2 / (sqrt(18) r), where r is (l0 + l1) / 2 over the shorter of l0 and
- * l1. That bounds the rounding of the quotients by 150 w r most voxels; queries for which it is above
- * half a unit go without fixed point. So do those with moves of UMB__MOVE_MOST voxels along the
- * normal, whose rounding is 10 w of their length. Each adds half a unit, and so do the sums of the
- * point and its move, of the step, of the two slopes and of the lift: 12 units in all. Slopes add up
- * to at most 2 most / taps, and multiply the error of a fraction: the slack grows by that factor.
- * Whether a lift is the longest is in doubt where the rest is within 64 w of the sum of its terms'
- * greatest values.
+ * l1. That bounds the rounding of the quotients by 150 w r most voxels; queries for which it is
+ * above half a unit go without fixed point. So do those with moves of UMB__MOVE_MOST voxels along
+ * the normal, whose rounding is 10 w of their length. Each adds half a unit, and so do the sums of
+ * the point and its move, of the step, of the two slopes and of the lift: 12 units in all. Slopes
+ * add up to at most 2 most / taps, and multiply the error of a fraction: the slack grows by that
+ * factor. Whether a lift is the longest is in doubt where the rest is within 64 w of the sum of its
+ * terms' greatest values.
  *
  * Facing away: a normal faces away if its product with the light's direction d is not negative.
  * With D the sum of |d_k|, the product in floats is off by at most 4 u D N. Within 8 u D N of zero
@@ -49,12 +49,12 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-/* Slack in units of 2^-32 voxels: more than the error of the argument above; and the most for normals,
- * a thousandth of a voxel. */
+/* Slack in units of 2^-32 voxels: more than the error of the argument above; and the most for
+ * normals, a thousandth of a voxel. */
 #define UMB__FIXED_SLACK 16
 #define UMB__FIXED_MOST  (1 << 22)
 #define UMB__FLOATS_MOST 1e10 /* Largest number computed with in floats: nothing overflows */
-#define UMB__MOVE_MOST   1e5 /* Voxels of an automatic move: it rounds by half a unit */
+#define UMB__MOVE_MOST   1e5  /* Voxels of an automatic move: it rounds by half a unit */
 #define UMB__FIXED_BASE  (1 << 20)
 #define UMB__FIXED_HIGH  0x41300000 /* Upper half of the bits of the double 2^20 */
 
@@ -71,9 +71,9 @@ struct umb__wide_placer {
     bool follows;   /* True: lifts count from the plane's depth at the centre of a texel */
     __m512 row[3][3];
     __m512 direction[3];
-    __m512 doubt;     /* Largest product with the direction whose sign is in doubt */
-    __m512 length;    /* Length of a given bias in metres */
-    __m512d centre;   /* Fraction of the centre of a texel, in fixed point */
+    __m512 doubt;      /* Largest product with the direction whose sign is in doubt */
+    __m512 length;     /* Length of a given bias in metres */
+    __m512d centre;    /* Fraction of the centre of a texel, in fixed point */
     double rest_doubt; /* Largest rest of a lift whose sign is in doubt */
 };
 
@@ -83,9 +83,10 @@ static inline float umb__float_of(double value)
     return (float)fmax(fmin(value, 1e30), -1e30);
 }
 
-/* Sets up the automatic bias. Returns its greatest length along a normal; infinite if the roundings of
- * the lift are too large. */
-static inline double umb__wide_lift_init(const struct umb__query *q, struct umb__wide_placer *placer)
+/* Sets up the automatic bias. Returns its greatest length along a normal; infinite if the roundings
+ * of the lift are too large. */
+static inline double umb__wide_lift_init(const struct umb__query *q,
+                                         struct umb__wide_placer *placer)
 {
     const double half = 0.5 * UMB__BIAS_SLACK, most = umb__longest_lift(q);
     double sums[3], length[3];
@@ -121,14 +122,14 @@ static inline double umb__wide_mover_init(const struct umb__query *q,
     return light < UMB__FLOATS_MOST ? longest : INFINITY;
 }
 
-/* Returns the slack for normals: a power of two. In: voxels: greatest length of a bias in voxels. */
+/* Returns the slack for normals: a power of two. In: voxels: greatest length of a bias in voxels.
+ * */
 static inline int32_t umb__wide_slack(const struct umb__query *q,
                                       const struct umb__wide_placer *placer, double voxels)
 {
     const double slopes = placer->follows ? 2 * umb__longest_lift(q) / q->taps : 0;
-    const double wanted = placer->automatic
-                              ? UMB__FIXED_SLACK * (1 + slopes)
-                              : UMB__FIXED_SLACK + 32 * 0x1p-24 * 0x1p32 * voxels;
+    const double wanted = placer->automatic ? UMB__FIXED_SLACK * (1 + slopes)
+                                            : UMB__FIXED_SLACK + 32 * 0x1p-24 * 0x1p32 * voxels;
     int32_t slack = UMB__FIXED_SLACK;
     while (slack < UMB__FIXED_MOST && slack < wanted) {
         slack *= 2;
@@ -331,7 +332,8 @@ static inline __m512d umb__reciprocal(__m512d a)
     return r * _mm512_fnmadd_pd(a, r, two);
 }
 
-/* Moves points along their normals by the rest of the longest lift. In: more: points with a rest. */
+/* Moves points along their normals by the rest of the longest lift. In: more: points with a rest.
+ * */
 static inline void umb__move_eight(const struct umb__wide_placer *placer, const __m512d n[3],
                                    __mmask8 more, __m512d rest, struct umb__eight_steps *to)
 {
@@ -361,13 +363,12 @@ UMB__INLINE __mmask8 umb__lift_eight(const struct umb__wide_placer *placer, cons
     }
     const __m512d across = _mm512_abs_pd(along[0]) + _mm512_abs_pd(along[1]);
     const __m512d depth = _mm512_abs_pd(along[2]), over = umb__reciprocal(depth);
-    const __m512d rest =
-        half * (_mm512_set1_pd(taps) * across + depth) - most * depth;
+    const __m512d rest = half * (_mm512_set1_pd(taps) * across + depth) - most * depth;
     const __mmask8 more = _mm512_cmp_pd_mask(rest, zero, _CMP_GT_OQ);
     const __m512d doubt = _mm512_set1_pd(placer->rest_doubt);
     to->step[0] = to->step[1] = zero;
-    to->step[2] = zero - half * (_mm512_set1_pd(taps - follows) * across * over +
-                                 _mm512_set1_pd(1));
+    to->step[2] =
+        zero - half * (_mm512_set1_pd(taps - follows) * across * over + _mm512_set1_pd(1));
     to->slope[0] = along[0] * over;
     to->slope[1] = along[1] * over;
     if (more) {

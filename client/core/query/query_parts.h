@@ -169,8 +169,9 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 }
 
 /*
- * Shift of a look-up in depth, in voxels. The receiver's plane falls by slope[0] and slope[1] voxels
- * of depth a texel on x and y; the shift counts from its depth at the centre of the point's texel.
+ * Shift of a look-up in depth, in voxels. The receiver's plane falls by slope[0] and slope[1]
+ * voxels of depth a texel on x and y; the shift counts from its depth at the centre of the point's
+ * texel.
  */
 struct umb__lift {
     double depth;    /* Towards the light */
@@ -182,12 +183,12 @@ struct umb__lift {
  * units of n, that it needs beside the lift.
  *
  * The plane of the surface must stay on the far side of the whole window: the centres of its voxels
- * lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z ez)
- * is linear. So a look-up must move by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n. The lift
- * does that along the light, by s / |n.ez| voxels of depth, which displaces no edge of a shadow.
- * From the plane's depth at the centre of the window itself, taps - 1 suffice. A point that grazes
- * the light would need a long lift. It gets the longest one, and moves along n for the rest: s n = n
- * * (sum for the unscaled normal) / |n|^2, so no root is taken.
+ * lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z
+ * ez) is linear. So a look-up must move by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n. The
+ * lift does that along the light, by s / |n.ez| voxels of depth, which displaces no edge of a
+ * shadow. From the plane's depth at the centre of the window itself, taps - 1 suffice. A point that
+ * grazes the light would need a long lift. It gets the longest one, and moves along n for the rest:
+ * s n = n * (sum for the unscaled normal) / |n|^2, so no root is taken.
  */
 static inline double umb__lift_auto(const struct umb__query *q, const double n[3], double length2,
                                     struct umb__lift *lift)
@@ -211,8 +212,8 @@ static inline double umb__lift_auto(const struct umb__query *q, const double n[3
     return 0;
 }
 
-/* Moves point i off its surface, and sets the lift of its look-up. Returns false if its normal faces
- * away from the light. */
+/* Moves point i off its surface, and sets the lift of its look-up. Returns false if its normal
+ * faces away from the light. */
 static inline bool umb__move(const struct umb__query *q, const struct umb_points *points, size_t i,
                              double p[3], struct umb__lift *lift)
 {

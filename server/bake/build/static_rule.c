@@ -25,17 +25,17 @@
 #define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey in one slice */
 /* Voxels of depth by which a point without a normal is moved for the widest window (query.c). */
 #define NO_NORMAL (BIAS_SLACK * (2 * UMB_TAPS_MAX + 1) / (2 * sqrt(3.0)))
-#define VERTICAL     1e-6 /* share of a normal's length along z below which a triangle is edge on */
+#define VERTICAL  1e-6 /* share of a normal's length along z below which a triangle is edge on */
 
 /*
  * Sets reach to the greatest distance in voxels, on each axis, by which the automatic bias moves a
  * point. edge: lengths e of a voxel's edges.
  *
- * A unit normal n asks for s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 metres along n. A lift along
- * the light clears that, or its longest length and a move along n for the rest. So the moves are at
- * most s nx / ex, s ny / ey, and s nz / ez plus the longest lift. Products of two components of n are
- * at most 1/2. The result also covers points without a normal (query.c), and has one voxel more for
- * rounding.
+ * A unit normal n asks for s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 metres along n. A lift
+ * along the light clears that, or its longest length and a move along n for the rest. So the moves
+ * are at most s nx / ex, s ny / ey, and s nz / ez plus the longest lift. Products of two components
+ * of n are at most 1/2. The result also covers points without a normal (query.c), and has one voxel
+ * more for rounding.
  */
 static void set_reach(const double edge[3], struct umbb_static *rule)
 {
