@@ -67,7 +67,7 @@ one_sentence budget
 try 0 umbrage-bake city.glb -o chosen.umb --max-error 3 --verify 0
 check "--max-error says what it chose" grep -q -- '--max-error 3 m: 1024 voxels' err
 try 0 umbrage info chosen.umb --json
-check "and keeps to it" json out "['lights'][0]['curve'][0]['bound_m'] <= 2 or 1 / 0"
+check "and keeps to it" json out "['lights'][0]['curve'][0]['bound_m'] <= 3 or 1 / 0"
 check "but not at twice the price" json out "['lights'][0]['curve'][0]['bound_m'] > 0.9 or 1 / 0"
 wanted=$("$BUILD/umbrage" info chosen.umb --quiet)
 bake same city.glb --resolution 1024
