@@ -272,7 +272,9 @@ static inline bool umb__voxel_at(const struct umb__query *q, const struct umb_po
         return false;
     }
     umb__to_voxel(q, p, v);
-    v[2] += umb__lift_depth(&lift, v);
+    if (points->normals != NULL) {
+        v[2] += umb__lift_depth(&lift, v);
+    }
     return true;
 }
 
