@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of docs/results/accuracy.md on biases: false light and false shadow of wide windows on five
+"""The table of docs/results/biases.md: false light and false shadow of wide windows on five
 scenes under three suns, by tests/bench/bias_race.c. `make bias-table` runs it; scenes come from
 UMBRAGE_SCENES (default ../shared/scenes). A cell has the shares in percent for suns 70, 45 and 15 degrees
 high."""

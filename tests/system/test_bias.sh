@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # What the automatic bias takes from shadows: false light and false shadow on houses with eaves and
 # recessed doors, under three suns, of what a camera sees where it faces the sun by more than 0.2.
-# Voxels are as wide as those of the town of docs/results/accuracy.md: 0.09 m. `make bias-table`
+# Voxels are as wide as those of the town of docs/results/biases.md: 0.09 m. `make bias-table`
 # measures five scenes and the rejected biases.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
