@@ -51,7 +51,7 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
 static int lifts(const struct umbt_truth *truth)
 {
     return truth->lamp == NULL && truth->settings.bias_mode == UMB_BIAS_AUTO &&
-           truth->settings.level == 0;
+           truth->settings.level == 0 && !truth->by_normal;
 }
 
 /* Returns the longest lift in metres. */
@@ -181,6 +181,14 @@ static void texel_window(const struct umbt_truth *truth, const double point[3],
     window->pitch = 1.0;
     window->side = truth->settings.taps > 0 ? truth->settings.taps : 1;
     window->deeper = follow_plane(truth, normal, window);
+}
+
+void umbt_truth_look_up(const struct umbt_truth *truth, const double point[3],
+                        const double normal[3], double at[3])
+{
+    struct window window;
+    texel_window(truth, point, normal, &window);
+    umbt_along(window.moved, window.deeper, window.frustum.voxel_step[2], at);
 }
 
 /* Start of ray i, row by row. */

@@ -40,6 +40,7 @@ struct umbt_truth {
     uint32_t samples;                  /* AREA and DISC: rays a side, 1..64 */
     double extent;                     /* DISC: angular diameter of the light in radians */
     double to_light[3];                /* unit; of parallel light */
+    int by_normal; /* 1: the automatic bias moves along the normal, as that of shadow maps does */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
     const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */
     uint32_t frustum_count;
@@ -74,6 +75,11 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
  */
 void umbt_truth_move(const struct umbt_truth *truth, const struct umb_frustum_info *frustum,
                      const double point[3], const double normal[3], double moved[3]);
+
+/* Computes the look-up of a query's window: the moved point at the depth of its window. In: as
+ * umbt_truth_move, and origin. */
+void umbt_truth_look_up(const struct umbt_truth *truth, const double point[3],
+                        const double normal[3], double at[3]);
 
 /*
  * Returns 1 if a texel of the point's filter window lies, at the moved point's depth, inside a
