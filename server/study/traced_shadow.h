@@ -37,9 +37,9 @@ struct umbt_truth {
     const struct umbr_rays *rays; /* borrowed */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
-    uint32_t samples;                  /* AREA and DISC: rays a side, 1..64 */
-    double extent;                     /* DISC: angular diameter of the light in radians */
-    double to_light[3];                /* unit; of parallel light */
+    uint32_t samples;   /* AREA and DISC: rays a side, 1..64 */
+    double extent;      /* DISC: angular diameter of the light in radians */
+    double to_light[3]; /* unit; of parallel light */
     int by_normal; /* 1: the automatic bias moves along the normal, as that of shadow maps does */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
     const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */
