@@ -167,6 +167,13 @@ accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/results/accuracy.md an
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
+$(BUILD)/bias_race: $(BUILD)/tests/bench/bias_race.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
+bias-table: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bias_race ## biases of wide windows against rays, five scenes, three suns: ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bias_table.py
+.PHONY: bias-table
+
 budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py
 

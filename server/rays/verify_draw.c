@@ -286,8 +286,8 @@ static uint64_t judge_near(struct umbr_verify_block *block, uint64_t wanted)
     return wanted;
 }
 
-/* Moves a point of a surface along the normal that faces the light, as a query of one tap does.
- * Returns 0 if the light grazes the surface. */
+/* Moves a point of a surface along the normal that faces the light, out of the voxels that the
+ * surface's plane passes. Returns 0 if the light grazes the surface. */
 static int lift(const struct umbr_verify_block *block, const double normal[3], double local[3])
 {
     const double facing = umb__dot(normal, block->job->light.direction);

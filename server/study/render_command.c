@@ -60,7 +60,7 @@ static const struct umbu_option OPTIONS[] = {
      UMBT_READ_LIGHT, AT(wanted), .otherwise = "all, with --fog or more than 16 the first",
      .fields = "light"},
     {.setting = "taps", AT(settings.taps), .otherwise = "9; 1 with --filter penumbra or footprint"},
-    {.setting = "filter", AT(settings.filter), .standard = "box"},
+    {.setting = "filter", AT(settings.filter), .standard = "footprint"},
     {UMBU_LIGHT_SIZE_ROW(struct render, settings.light_extent)},
     {UMBU_BIAS_ROW(struct render, settings)},
     {UMBU_OTHER_SETTINGS(struct render, settings,

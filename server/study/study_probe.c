@@ -59,8 +59,10 @@ static enum umb_status facing_gather(const struct umbt_study *study, struct umbt
 static float *moved_make(const struct umbt_study *study, const struct umbt_peers *peers,
                          const struct umbt_study_bake *bake, uint32_t taps)
 {
-    const struct umb_query_settings settings = {.taps = taps};
     const double(*step)[3] = bake->frustum.voxel_step;
+    struct umbt_truth truth = umbt_truth_of(&study->common.scene, study->points.to_light,
+                                            bake->info.origin, &bake->frustum);
+    truth.settings.taps = taps;
     /* Reach without a normal: that of (1,1,1) / sqrt(3) in voxels. */
     const double no_normal =
         0.5 / sqrt(3.0) *
@@ -70,8 +72,10 @@ static float *moved_make(const struct umbt_study *study, const struct umbt_peers
         double normal[3], to[3];
         umbt_widen(peers->normals[i], normal);
         if (umbt_normalize(normal) > 0.0) {
-            const double way = BIAS_CLEARS * umbt_truth_bias(&settings, &bake->frustum, normal);
-            umbt_along(peers->positions[i], way, normal, to);
+            double at[3], way[3];
+            umbt_truth_look_up(&truth, peers->positions[i], normal, at);
+            umb__subtract(at, peers->positions[i], way);
+            umbt_along(peers->positions[i], BIAS_CLEARS, way, to);
         } else {
             umbt_along(peers->positions[i], BIAS_CLEARS * no_normal, study->points.to_light, to);
         }

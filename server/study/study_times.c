@@ -109,8 +109,7 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
     if (!(umb__dot(normal, study->points.to_light) > 0.0)) {
         return 0;
     }
-    umbt_along(study->points.positions[i],
-               umbt_truth_bias(&window->settings, &window->frustum, normal), normal, moved);
+    umbt_truth_move(window, &window->frustum, study->points.positions[i], normal, moved);
     for (int k = 0; k < 8 * CALLS; k++) {
         const int ray = k < RAYS ? k : RAYS - 1;
         const double x = pitch * (ray % AREA_RAYS - AREA_RAYS / 2);

@@ -95,6 +95,7 @@ static void box_truth(const struct umbt_technique_view *view, const struct umb_m
     }
     *truth = umbt_truth_of(view->setup.scene, view->setup.to_light, frustum->origin, &texels);
     truth->kind = UMBT_TRUTH_AREA;
+    truth->by_normal = 1;
     truth->settings.taps = view->taps;
     truth->samples = AREA_RAYS;
 }
@@ -490,6 +491,7 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
         return UMB_OK;
     }
     box_truth(view, &view->frustum, &truth);
+    truth.by_normal = 0;
     memcpy(truth.origin, info.origin, sizeof truth.origin);
     UMB__TRY(umb_asset_get_light(asset, 0, &light));
     UMB__TRY(umb_asset_get_frustum(asset, light.first_frustum, &truth.frustum));

@@ -49,6 +49,34 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
     return 0.0;
 }
 
+/* Returns 1 if the bias lifts points along the light: the automatic one of parallel light. */
+static int lifts(const struct umbt_truth *truth)
+{
+    return truth->lamp == NULL && truth->settings.bias_mode == UMB_BIAS_AUTO &&
+           truth->settings.level == 0 && !truth->by_normal;
+}
+
+/* Returns the longest lift in metres. */
+static double longest_lift(const struct umbt_truth *truth, const struct umb_frustum_info *frustum)
+{
+    const double(*step)[3] = frustum->voxel_step;
+    const double taps = truth->settings.taps > 0 ? (double)truth->settings.taps : 1.0;
+    return (2.0 * taps - 0.5) * 0.5 * (umb__length(step[0]) + umb__length(step[1]));
+}
+
+void umbt_truth_move(const struct umbt_truth *truth, const struct umb_frustum_info *frustum,
+                     const double point[3], const double normal[3], double moved[3])
+{
+    const double need = umbt_truth_bias(&truth->settings, frustum, normal);
+    const double facing = umb__dot(normal, truth->to_light);
+    double lift = 0.0;
+    if (lifts(truth) && facing > 0.0) {
+        lift = fmin(need / facing, longest_lift(truth, frustum));
+    }
+    umbt_along(point, need - lift * facing, normal, moved);
+    umbt_along(moved, lift, truth->to_light, moved);
+}
+
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3])
 {
@@ -124,18 +152,38 @@ static double light_share(const struct umbt_truth *truth, const double from[3])
 struct window {
     double moved[3];
     double centre[2];
+    double deeper; /* voxels of depth behind the moved point */
     double pitch;
     uint32_t side;
     struct umb_frustum_info frustum; /* frustum at the moved point */
 };
+
+/* Returns the voxels by which the look-up of a lifted window is deeper than the moved point: the
+ * lift counts from the plane's depth at the centre of the window, and clears half a texel less. */
+static double follow_plane(const struct umbt_truth *truth, const double normal[3],
+                           const struct window *window)
+{
+    const double(*step)[3] = window->frustum.voxel_step;
+    const double need = umbt_truth_bias(&truth->settings, &window->frustum, normal);
+    const double facing = umb__dot(normal, truth->to_light), depth = umb__dot(normal, step[2]);
+    double deeper = 0.0;
+    if (!lifts(truth) || window->side == 1 ||
+        need > facing * longest_lift(truth, &window->frustum)) {
+        return 0.0;
+    }
+    for (int k = 0; k < 2; k++) {
+        const double slope = -umb__dot(normal, step[k]) / depth;
+        deeper += slope * window->centre[k] + 0.5 * fabs(slope);
+    }
+    return deeper;
+}
 
 /* Makes the window of the query: the centres of its texels, at the moved point's depth. */
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {
     frustum_at(truth, point, &window->frustum);
-    umbt_along(point, umbt_truth_bias(&truth->settings, &window->frustum, normal), normal,
-               window->moved);
+    umbt_truth_move(truth, &window->frustum, point, normal, window->moved);
     frustum_at(truth, window->moved, &window->frustum);
     const double w = row_of(&window->frustum, 3, truth->origin, window->moved);
     for (int k = 0; k < 2; k++) {
@@ -144,6 +192,15 @@ static void texel_window(const struct umbt_truth *truth, const double point[3],
     }
     window->pitch = 1.0;
     window->side = truth->settings.taps > 0 ? truth->settings.taps : 1;
+    window->deeper = follow_plane(truth, normal, window);
+}
+
+void umbt_truth_look_up(const struct umbt_truth *truth, const double point[3],
+                        const double normal[3], double at[3])
+{
+    struct window window;
+    texel_window(truth, point, normal, &window);
+    umbt_along(window.moved, window.deeper, window.frustum.voxel_step[2], at);
 }
 
 /* Start of ray i, row by row. */
@@ -154,6 +211,7 @@ static void window_start(const struct window *window, uint32_t i, double start[3
     const double y = window->centre[1] + ((double)(i / window->side) - middle) * window->pitch;
     umbt_along(window->moved, x, window->frustum.voxel_step[0], start);
     umbt_along(start, y, window->frustum.voxel_step[1], start);
+    umbt_along(start, window->deeper, window->frustum.voxel_step[2], start);
 }
 
 static float window_visibility(const struct umbt_truth *truth, const struct window *window)
@@ -297,6 +355,7 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     if (truth->kind == UMBT_TRUTH_AREA) {
         window.centre[0] = 0.0;
         window.centre[1] = 0.0;
+        window.deeper = 0.0;
         window.pitch = (double)window.side / (double)truth->samples;
         window.side = truth->samples;
     }

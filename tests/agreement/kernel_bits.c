@@ -151,13 +151,11 @@ static int compare_walk(const struct umb__query *q)
     int wrong = 0;
     for (uint32_t i = 0; i < CHUNK; i += 64) {
         struct umb_query_stats stats = {0};
-        double p[3], v[3];
-        memcpy(p, points[i], sizeof p);
-        if (!umb__move(q, &batch, i, p)) {
+        double v[3];
+        if (!umb__voxel_at(q, &batch, i, v)) {
             wrong += answers[0][i] != 0;
             continue;
         }
-        umb__to_voxel(q, p, v);
         const struct umb__window window = umb__window_at(q, v, &stats);
         const uint32_t lit =
             window.all_lit ? total : window.outside + umb__count_window(q, &window, &stats);

@@ -8,13 +8,13 @@
 # these views: 0.0004 (architecture) to 0.0052 (Delft); twice the largest is the bound. Nine taps
 # against rays from the same 81 texel centres: equal but for texels whose edge passes within a voxel
 # and for windows that reach into closed solids, where an answer is unspecified; measured 0.00006 to
-# 0.0008 without those windows (no sample by more than half) and up to 0.0033 with them. Acne, leaks
+# 0.0008 without those windows (no sample by more than half) and up to 0.0073 with them. Acne, leaks
 # and shifted shadows are far above: without bias the city is off by 0.049, the architecture by 0.41.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 scenes=${UMBRAGE_SCENES:-$root/../shared/scenes}
 BOUND_ONE=0.0104
 BOUND_WINDOW=0.0016
-BOUND_WINDOW_ALL=0.0066
+BOUND_WINDOW_ALL=0.0146
 
 below() { # SENTENCE VALUE BOUND
     if awk -v value="$2" -v bound="$3" 'BEGIN { exit !(value + 0 == value && value < bound) }'; then
@@ -51,7 +51,7 @@ render() { # NAME SCENE TAPS [OPTION]...
     shift 3
     "$BUILD/umbrage" render "$scene" --asset "$folder/$name.umb" -o "$folder/$name-$taps.png" \
         --reference "$folder/ref.png" --difference "$folder/diff.png" --size 480x270 --compare \
-        --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
+        --filter box --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
 }
 
 compare() { # NAME SCENE

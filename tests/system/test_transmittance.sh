@@ -80,7 +80,7 @@ check "and points behind panes were among them" \
     test "$(json "$folder/verify" "['lights'][0]['translucent']")" -gt 1000
 render() { # OPTION...: fields of the comparison
     "$BUILD/umbrage" render "$folder/${seen:-glass}.obj" --asset "$folder/${asset:-glass}.umb" \
-        --compare --json --size 160x90 "$@" >"$folder/render" 2>"$folder/err" ||
+        --compare --filter box --json --size 160x90 "$@" >"$folder/render" 2>"$folder/err" ||
         cat "$folder/err" >"$folder/render"
 }
 is_below() { # SENTENCE FIELD BOUND

@@ -207,30 +207,63 @@ static inline void umb__receivers_span(const struct umb__receivers *r, umb__vect
         }
 }
 
-/* Moves receivers off their surface for one tap of parallel light, as umb__move does. */
-static inline void umb__receivers_move(const struct umb__query *q, const struct umb__receivers *r,
-                                       umb__vectors moved)
+/* Sets the automatic bias of one tap of parallel light, as umb__lift_auto does. Out: scale: moves
+ * along the normals, in their units. depth: lifts towards the light in voxels; one tap has no
+ * slopes. */
+static inline void umb__receivers_lift(const struct umb__query *q, const struct umb__receivers *r,
+                                       double scale[UMB__RECEIVERS], double depth[UMB__RECEIVERS])
+{
+    const double most = umb__longest_lift(q), half = 0.5 * UMB__BIAS_SLACK;
+    for
+        UMB__EACH_LANE(i)
+        {
+            const double length2 = umb__dot_lane(r->given, r->given, i);
+            const double x = fabs(umb__dot_with(r->given, q->voxel_step[0], i));
+            const double y = fabs(umb__dot_with(r->given, q->voxel_step[1], i));
+            const double z = fabs(umb__dot_with(r->given, q->voxel_step[2], i));
+            const double need = half * (1.0 * (x + y) + z), rest = need - most * z;
+            const bool has = r->has_normal[i] != 0, longest = rest > 0;
+            const double exact = need / (z > 0 ? z : 1);
+            const double along = longest ? rest / (has ? length2 : 1) : 0;
+            const double lift = longest ? most : exact;
+            scale[i] = has ? along : 0;
+            depth[i] = has ? lift : 0;
+        }
+}
+
+/* Finds the moves of a given bias; arguments as above. */
+static inline void umb__receivers_push(const struct umb__query *q, const struct umb__receivers *r,
+                                       double scale[UMB__RECEIVERS], double depth[UMB__RECEIVERS])
 {
     for
         UMB__EACH_LANE(i)
         {
             const double length2 = umb__dot_lane(r->given, r->given, i);
-            const double over = r->has_normal[i] ? length2 : 1;
-            double scale;
-            if (q->bias_mode == UMB_BIAS_AUTO) {
-                const double x = fabs(umb__dot_with(r->given, q->voxel_step[0], i));
-                const double y = fabs(umb__dot_with(r->given, q->voxel_step[1], i));
-                const double z = fabs(umb__dot_with(r->given, q->voxel_step[2], i));
-                scale = 0.5 * UMB__BIAS_SLACK * (1.0 * (x + y) + z) / over;
-            } else {
-                scale = q->bias_m / sqrt(over);
-            }
-            for (unsigned axis = 0; axis < 3; axis++) {
-                const double p = r->p[axis][i];
-                moved[axis][i] = r->has_normal[i] ? p + r->given[axis][i] * scale
-                                                  : p - q->direction[axis] * q->sample_no_normal_m;
-            }
+            scale[i] = r->has_normal[i] ? q->bias_m / sqrt(r->has_normal[i] ? length2 : 1) : 0;
+            depth[i] = 0;
         }
+}
+
+/* Moves receivers off their surface for one tap of parallel light, as umb__move does. Out: depth:
+ * lifts of their look-ups towards the light, in voxels. */
+static inline void umb__receivers_move(const struct umb__query *q, const struct umb__receivers *r,
+                                       umb__vectors moved, double depth[UMB__RECEIVERS])
+{
+    double scale[UMB__RECEIVERS];
+    if (q->bias_mode == UMB_BIAS_AUTO) {
+        umb__receivers_lift(q, r, scale, depth);
+    } else {
+        umb__receivers_push(q, r, scale, depth);
+    }
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const double push = q->direction[axis] * q->sample_no_normal_m;
+        for
+            UMB__EACH_LANE(i)
+            {
+                const double p = r->p[axis][i];
+                moved[axis][i] = r->has_normal[i] ? p + r->given[axis][i] * scale[i] : p - push;
+            }
+    }
 }
 
 /* Places the squares of receivers of parallel light in voxel space. In: cube: width in voxels of
@@ -239,9 +272,10 @@ static inline void umb__receivers_place(const struct umb__query *q, double cube,
                                         struct umb__receivers *r)
 {
     umb__vectors a, b, moved;
+    double depth[UMB__RECEIVERS];
     const double lift = q->bias_mode == UMB_BIAS_AUTO ? 0.5 : 0;
     umb__receivers_span(r, a, b);
-    umb__receivers_move(q, r, moved);
+    umb__receivers_move(q, r, moved, depth);
     for
         UMB__EACH_LANE(i)
         {
@@ -250,12 +284,12 @@ static inline void umb__receivers_place(const struct umb__query *q, double cube,
     for (unsigned axis = 0; axis < 3; axis++) {
         double m[4]; /* A copy: compilers know that the loop does not change it */
         memcpy(m, q->world_to_voxel[axis], sizeof m);
-        const double light = umb__dot(m, q->direction);
+        const double light = umb__dot(m, q->direction), lifted = axis == 2 ? 1 : 0;
         for
             UMB__EACH_LANE(i)
             {
                 const double below = r->level_m[i], above = 2 * below;
-                const double v = umb__dot_with(moved, m, i) + m[3];
+                const double v = umb__dot_with(moved, m, i) + m[3] - lifted * depth[i];
                 const double near = v - lift * below * light, far = v - lift * above * light;
                 const double u = umb__dot_with(a, m, i) * above, w = umb__dot_with(b, m, i) * above;
                 const uint64_t fits = fabs(u) + fabs(w) + fabs(far - near) < 3 * cube ? 1 : 0;

@@ -53,6 +53,7 @@ static void set_bias(const struct umb__plan *plan, struct umb__query *q)
     switch (q->bias_mode) {
     case UMB_BIAS_AUTO:
         q->no_normal_m = steps * umb__no_normal_m(plan, q, q->taps);
+        q->lift_texel = umb__lift_texel(plan->frustum);
         for (unsigned axis = 0; axis < 3 && q->level > 0; axis++) {
             umb__scale(steps, q->voxel_step[axis]);
         }

@@ -74,6 +74,13 @@ static inline double umb__no_normal_m(const struct umb__plan *plan, const struct
            umb__length(plan->frustum->voxel_step[2]);
 }
 
+/* Returns the mean edge of a texel of parallel light, in voxels of depth. */
+static inline double umb__lift_texel(const struct umb_frustum_info *frustum)
+{
+    const double(*step)[3] = frustum->voxel_step;
+    return (umb__length(step[0]) + umb__length(step[1])) / 2 / umb__length(step[2]);
+}
+
 /* Returns the width in voxels of the widest texel of a light's transmittance maps; 0 if no caster
  * of the light is translucent. */
 int32_t umb__transmittance_texel(const struct umb_asset *asset, const struct umb_light_info *light);

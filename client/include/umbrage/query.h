@@ -52,12 +52,15 @@ extern "C" {
 
 /* Offset of a point before the look-up, so that a surface does not shadow itself. */
 enum umb_bias_mode {
-    /* Automatic: moves the point by s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the
-     * normal n, where ex, ey, ez are the world vectors of one voxel. The window at the moved
-     * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
-     * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
-     * (1,1,1)/sqrt(3) in voxels, towards the light. Spot and point lights: with the voxel size at
-     * the point, which grows with the distance from the light. */
+    /* Automatic: the least move that puts the window wholly on the light's side of the surface's
+     * plane. That takes s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the normal n, where
+     * ex, ey, ez are the world vectors of one voxel. Suns: the point is lifted by s / c metres
+     * towards the light, c being the cosine between n and the light, and at most by 2 taps - 1/2
+     * texels; where that is too short, the rest is along n. A lift displaces no edge of a shadow.
+     * With more than one tap it counts from the plane's depth at the centre of the window, for
+     * which taps - 1 suffices in s. Spot and point lights: s along n, with the voxel size at the
+     * point, which grows with the distance from the light. Coarse look-ups: s along n. Without
+     * normals: s of the normal (1,1,1)/sqrt(3) in voxels, towards the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
     UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */

@@ -357,7 +357,7 @@ static void plan_and_settings_say_what_and_why(void **state)
     assert_non_null(strstr(plan, "leaf \\x22x\\x22\\x0a"));
     assert_null(strstr(plan, "transmittance"));
     assert_int_equal(umbb_settings_text(&a, &options, &settings, &error), UMB_OK);
-    assert_string_equal(settings, "bake=1\nclosed=auto\n"
+    assert_string_equal(settings, "bake=2\nclosed=auto\n"
                                   "light.0.direction=0,0,-1\n"
                                   "light.0.position=100,0,20\n"
                                   "light.0.cone=0.5\n"

@@ -139,14 +139,10 @@ static uint32_t tent_alone(const struct umb__query *q, const double v[3])
 static uint32_t lit_alone(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
     struct umb_query_stats stats = {0};
-    double p[3], v[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    if (!umb__move(q, points, i, p)) {
+    double v[3];
+    if (!umb__voxel_at(q, points, i, v)) {
         return 0;
     }
-    umb__to_voxel(q, p, v);
     if (q->filter == UMB_FILTER_TENT) {
         return tent_alone(q, v);
     }

@@ -155,6 +155,31 @@ static void bias_follows_the_documented_formula(void **state)
     near_check("none", umbt_truth_bias(&settings, &frustum, slanted), 0.0, 0.0);
 }
 
+/* Under a sun overhead: along the light, by at most 1.5 texels with one tap; the rest along the
+ * normal, as all of it before a lamp. */
+static void lifts_follow_the_documented_formula(void **state)
+{
+    (void)state;
+    static const double origin[3] = {0.0, 0.0, 0.0};
+    const double gentle[3] = {0.6, 0.0, 0.8}, steep[3] = {0.96, 0.0, 0.28};
+    const struct umb_light_info lamp = {.kind = UMB_LIGHT_POINT};
+    struct umbt_truth truth = {.settings = {.taps = 1}, .to_light = {0.0, 0.0, 1.0}};
+    struct umb_frustum_info frustum;
+    double moved[3];
+    frustum_make(&frustum);
+    umbt_truth_move(&truth, &frustum, origin, gentle, moved);
+    near_check("gentle, across", moved[0], 0.0, 1e-15);
+    near_check("gentle, lift", moved[2], 0.35 / 0.8, 1e-15);
+    umbt_truth_move(&truth, &frustum, origin, steep, moved);
+    const double rest = 0.25 * (0.96 + 0.28) - 0.75 * 0.28;
+    near_check("steep, across", moved[0], 0.96 * rest, 1e-15);
+    near_check("steep, lift", moved[2], 0.75 + 0.28 * rest, 1e-15);
+    truth.lamp = &lamp;
+    umbt_truth_move(&truth, &frustum, origin, gentle, moved);
+    near_check("lamp, across", moved[0], 0.6 * 0.35, 1e-15);
+    near_check("lamp, along", moved[2], 0.8 * 0.35, 1e-15);
+}
+
 /* A floor at z = 0 and, 2 m above it, a roof over x < 0. */
 static const double house[4][3][3] = {
     {{-9.0, -9.0, 0.0}, {9.0, -9.0, 0.0}, {9.0, 9.0, 0.0}},
@@ -261,6 +286,7 @@ int main(void)
         cmocka_unit_test(labels_are_text_on_a_strip),
         cmocka_unit_test(lamps_fall_off_with_the_square_of_the_distance),
         cmocka_unit_test(bias_follows_the_documented_formula),
+        cmocka_unit_test(lifts_follow_the_documented_formula),
         cmocka_unit_test(window_counts_the_texels_beyond_the_edge),
         cmocka_unit_test(plans_are_read_line_by_line),
         cmocka_unit_test(window_knows_when_it_reaches_into_a_closed_solid),
