@@ -36,7 +36,7 @@
 
 struct umbt_study_options {
     const char *light, *sun, *point, *spot, *light_size, *up; /* as umbrage-bake takes them */
-    char named[288];         /* Default folder of the report */
+    char named[288];                                          /* Default folder of the report */
     uint64_t max_resolution; /* Highest resolution, voxels a side */
     uint64_t points;         /* Number of samples of a set */
     uint64_t truth_side;     /* Rays a side of the area truth */
@@ -48,9 +48,9 @@ struct umbt_study_bake {
     char name[UMBT_STUDY_NAME]; /* "4096-closed" */
     char file[UMBT_STUDY_NAME]; /* name of its files in FOLDER/assets: "4096-auto" */
     uint32_t resolution;
-    const char *rule;      /* --closed of its bake: "auto" or "off" */
-    char reason[256];      /* reason why there is no asset, or empty */
-    double wall_s, cpu_s;  /* times of umbrage-bake without its self-check */
+    const char *rule;     /* --closed of its bake: "auto" or "off" */
+    char reason[256];     /* reason why there is no asset, or empty */
+    double wall_s, cpu_s; /* times of umbrage-bake without its self-check */
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umb_light_info light;
@@ -84,7 +84,7 @@ struct umbt_study_points {
 
 /* Source of answers: a filter of an asset, or one of the peers of study_probe.h. */
 enum umbt_study_method {
-    UMBT_STUDY_DAG = 0,   /* the box filter */
+    UMBT_STUDY_DAG = 0, /* the box filter */
     UMBT_STUDY_TENT,
     UMBT_STUDY_FOOTPRINT, /* points.footprint_m wide */
     UMBT_STUDY_PENUMBRA,  /* against the light's disc */
@@ -157,8 +157,8 @@ struct umbt_study {
     struct umbt_time rays[UMBT_RAYS_WAYS]; /* Time of a ray; with AREA and AREA8, of a point */
     int64_t stopped;                       /* number of rays that hit a triangle, in all runs */
     int z_up;
-    const char *missing;  /* sentence about peers that could not be measured, or "" */
-    char uncounted[160];  /* reason why instructions are not counted, or empty */
+    const char *missing; /* sentence about peers that could not be measured, or "" */
+    char uncounted[160]; /* reason why instructions are not counted, or empty */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];
     uint32_t technique_count, technique_resolution;
     size_t technique_points;

@@ -109,8 +109,7 @@ static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *err
     }
     UMB__TRY(umbt_study_path(study, "pictures/aliasing.png", path, error));
     (void)snprintf(threads, sizeof threads, "%u", study->common.threads);
-    (void)snprintf(sun, sizeof sun, "%.15g,%.15g",
-                   umbt_compass_azimuth(to_light, study->z_up, 0.0),
+    (void)snprintf(sun, sizeof sun, "%.15g,%.15g", umbt_compass_azimuth(to_light, study->z_up, 0.0),
                    fmin(90.0, asin(fmin(up, 1.0)) / DEGREE));
     const char *const words[][2] = {{"-o", path},           {"--size", "480x270"},
                                     {"--threads", threads}, {"--resolution", "4096"},

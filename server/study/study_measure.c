@@ -23,7 +23,7 @@
 /* Widths of filters, in full and --quick; 0 ends the list. */
 static const uint32_t widths[2][6] = {{1, 3, 5, 9, 17}, {1, 3, 9}};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
-#define WIDE_TAPS 9 /* window of tents */
+#define WIDE_TAPS 9                      /* window of tents */
 
 /*
  * The truth of a footprint, traced once. All settings with the same frustum and filter share this
@@ -121,10 +121,9 @@ static void undefined_item(void *user, size_t i)
     const struct umbt_study_points *points = &judging->probe->study->points;
     double normal[3];
     umbt_study_normal(points, i, normal);
-    judging->undefined[i] =
-        (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
-                  umbt_study_truth_is_undefined(&judging->probe->truth, points->positions[i],
-                                                normal));
+    judging->undefined[i] = (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
+                                      umbt_study_truth_is_undefined(&judging->probe->truth,
+                                                                    points->positions[i], normal));
 }
 
 /* Counts what an asset reads for a point of the view. */
@@ -207,9 +206,6 @@ static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *tap
     setting.level = 0;
     setting.method = UMBT_STUDY_FOOTPRINT;
     add_supported(study, setting);
-    if (study->points.lamp != NULL) {
-        return; /* the truths of the others are those of parallel light */
-    }
     setting.method = UMBT_STUDY_TENT;
     setting.taps = WIDE_TAPS;
     add_supported(study, setting);

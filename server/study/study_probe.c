@@ -73,7 +73,8 @@ static float *moved_make(const struct umbt_study *study, const struct umbt_peers
         double normal[3], to[3];
         umbt_widen(peers->normals[i], normal);
         if (umbt_normalize(normal) > 0.0) {
-            const double way = BIAS_CLEARS * umbt_truth_bias(&settings, umbt_study_frustum(bake), normal);
+            const double way =
+                BIAS_CLEARS * umbt_truth_bias(&settings, umbt_study_frustum(bake), normal);
             umbt_along(peers->positions[i], way, normal, to);
         } else {
             umbt_along(peers->positions[i], BIAS_CLEARS * no_normal, study->points.to_light, to);
@@ -227,14 +228,13 @@ static enum umb_status volume_add(const struct umbt_study *study, struct umbt_pe
     struct umbt_peer *peer = &peers->list[peers->count];
     const struct umbt_study_bake *bake = &study->bakes[map->setting.bake];
     struct heights heights;
-    *peer = (struct umbt_peer){
-        .setting = {.method = UMBT_STUDY_NANOVDB,
-                    .bake = map->setting.bake,
-                    .name = umbt_study_method_names[UMBT_STUDY_NANOVDB]}};
+    *peer = (struct umbt_peer){.setting = {.method = UMBT_STUDY_NANOVDB,
+                                           .bake = map->setting.bake,
+                                           .name = umbt_study_method_names[UMBT_STUDY_NANOVDB]}};
     if (heights_make(&map->map, &heights)) {
-        peer->volume = umbt_nanovdb_make(umbt_study_frustum(bake)->log2_size,
-                                         umbt_study_frustum(bake)->world_to_voxel,
-                                         block_state, &heights);
+        peer->volume =
+            umbt_nanovdb_make(umbt_study_frustum(bake)->log2_size,
+                              umbt_study_frustum(bake)->world_to_voxel, block_state, &heights);
         free(heights.range);
     }
     if (peer->volume == NULL) {
@@ -252,10 +252,9 @@ static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peer
 {
     struct umbt_peer *peer = &peers->list[peers->count];
     const struct umb_frustum_info *frustum = umbt_study_frustum(&study->bakes[bake]);
-    *peer = (struct umbt_peer){
-        .setting = {.method = UMBT_STUDY_DEPTH_MAP,
-                    .bake = bake,
-                    .name = umbt_study_method_names[UMBT_STUDY_DEPTH_MAP]}};
+    *peer = (struct umbt_peer){.setting = {.method = UMBT_STUDY_DEPTH_MAP,
+                                           .bake = bake,
+                                           .name = umbt_study_method_names[UMBT_STUDY_DEPTH_MAP]}};
     UMB__TRY(umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error));
     peers->count++;
     UMB__TRY(map_fill(study, &study->bakes[bake], &peer->map, error));
@@ -526,8 +525,7 @@ struct umb_query_settings umbt_study_settings(const struct umbt_study *study,
         .taps = result->taps,
         .level = result->level,
         .filter = filters[result->method],
-        .footprint_m =
-            result->method == UMBT_STUDY_FOOTPRINT ? study->points.footprint_m : 0.0};
+        .footprint_m = result->method == UMBT_STUDY_FOOTPRINT ? study->points.footprint_m : 0.0};
 }
 
 enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error)

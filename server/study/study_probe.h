@@ -118,6 +118,18 @@ void umbt_study_normal(const struct umbt_study_points *points, size_t i, double 
 UMB_CHECKED enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *probes,
                                              struct umb_error *error);
 
+/*
+ * Opens a counter of the instructions that the calling thread executes in user space, kept by the
+ * processor (perf_event_open). Equal work takes equal counts, however busy the machine is. Virtual
+ * machines and containers often have no counter or do not allow it.
+ *
+ * Returns a descriptor for close(); -1: `reason` says why there is none.
+ */
+int umbt_instructions_open(char *reason, size_t size);
+
+/* Returns the count since the counter was opened; 0 for -1. */
+uint64_t umbt_instructions_read(int counter);
+
 /* ---- errors; sums run in the order of the samples, so that they can be reproduced ---- */
 
 /* Answers with their truths; borrowed, arrays of `count`. */

@@ -35,7 +35,7 @@
 #define ARGS_MAX     32
 #define TALK_BYTES   200
 #define WAY_BYTES    8192 /* version and options of a bake, as a line */
-#define EXIT_NO_ROOM 75 /* umbrage-bake's exit code for memory and limits */
+#define EXIT_NO_ROOM 75   /* umbrage-bake's exit code for memory and limits */
 
 enum umb_status umbt_study_path(const struct umbt_study *study, const char *name,
                                 char path[UMBT_STUDY_PATH], struct umb_error *error)

@@ -15,7 +15,6 @@
 
 #include "base/try.h"
 #include "tool/threads.h"
-#include "study/instructions.h"
 #include "study/study_math.h"
 #include "tool/clock.h"
 
@@ -254,8 +253,7 @@ static enum umb_status times_series(struct umbt_study *study, struct umbt_probe 
     }
     for (uint32_t i = 0; i < study->result_count; i++) {
         for (int kind = 0; kind < KINDS; kind++) {
-            *time_of(&study->results[i], kind) =
-                umbt_least(times[i].ns[kind], times[i].runs[kind]);
+            *time_of(&study->results[i], kind) = umbt_least(times[i].ns[kind], times[i].runs[kind]);
         }
     }
     rays_conclude(study, rays);

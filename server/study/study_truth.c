@@ -34,14 +34,17 @@ static float tent_visibility(const struct umbt_study_truth *truth, const double 
     const struct umbt_truth *rays = &truth->rays, ray = single_ray(truth);
     const uint32_t taps = rays->settings.taps, side = rays->samples;
     double moved[3], sum = 0.0, weights = 0.0;
-    umbt_along(point, umbt_truth_bias(&rays->settings, &rays->frustum, normal), normal, moved);
+    struct umb_frustum_info at;
+    umbt_truth_frustum_at(rays, point, &at);
+    umbt_along(point, umbt_truth_bias(&rays->settings, &at, normal), normal, moved);
+    umbt_truth_frustum_at(rays, moved, &at);
     for (uint32_t i = 0; i < side * side; i++) {
         const double x = ((i % side + 0.5) / side - 0.5) * taps;
         const double y = ((i / side + 0.5) / side - 0.5) * taps;
         const double weight = tent_weight(x, taps) * tent_weight(y, taps);
         double start[3];
-        umbt_along(moved, x, rays->frustum.voxel_step[0], start);
-        umbt_along(start, y, rays->frustum.voxel_step[1], start);
+        umbt_along(moved, x, at.voxel_step[0], start);
+        umbt_along(start, y, at.voxel_step[1], start);
         sum += weight * (double)umbt_truth_visibility(&ray, start, normal);
         weights += weight;
     }
@@ -83,13 +86,15 @@ int umbt_study_truth_is_undefined(const struct umbt_study_truth *truth, const do
                                   const double normal[3])
 {
     struct umbt_truth window = truth->rays;
-    const double voxel = umb__length(window.frustum.voxel_step[0]);
-    const double stretch = truth->footprint_m / (COARSE_TAPS * voxel);
-    if (truth->method == UMBT_STUDY_FOOTPRINT && stretch > 1.0) {
+    struct umb_frustum_info at;
+    umbt_truth_frustum_at(&truth->rays, point, &at);
+    const double stretch = truth->footprint_m / (COARSE_TAPS * umb__length(at.voxel_step[0]));
+    if (truth->method == UMBT_STUDY_FOOTPRINT) {
         window.settings.taps = COARSE_TAPS;
-        for (int k = 0; k < 9; k++) {
-            window.frustum.voxel_step[k / 3][k % 3] *= stretch;
-        }
+    }
+    /* A lamp's frusta stay as they are, so the check covers the middle of a wide footprint. */
+    for (int k = 0; k < 9 && truth->method == UMBT_STUDY_FOOTPRINT; k++) {
+        window.frustum.voxel_step[k / 3][k % 3] *= stretch;
     }
     return umbt_truth_is_undefined(&window, point, normal);
 }

@@ -328,7 +328,8 @@ static void say_peer(FILE *to, const struct umbt_study *study, enum umbt_study_m
             continue;
         }
         if (between[0] == '\0') {
-            fprintf(to, "%s of the same %u voxels a side: %.3g MB in memory, the open asset %.3g "
+            fprintf(to,
+                    "%s of the same %u voxels a side: %.3g MB in memory, the open asset %.3g "
                     "MB; ",
                     name, finest, 1e-6 * (double)peer->bytes, 1e-6 * (double)ours->bytes);
         }

@@ -559,10 +559,10 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
                              struct umbt_technique_result *result, struct umb_error *error)
 {
     const int penumbra = kind == UMBT_PENUMBRA;
-    const struct umb_query_settings settings = {
-        .taps = kind == UMBT_BOX ? view->taps : 1,
-        .filter = penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
-        .light_extent = penumbra ? view->light_rad : 0.0};
+    const struct umb_query_settings settings = {.taps = kind == UMBT_BOX ? view->taps : 1,
+                                                .filter =
+                                                    penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
+                                                .light_extent = penumbra ? view->light_rad : 0.0};
     struct umb_asset_info info;
     struct umb_light_info light;
     struct umb_query query;

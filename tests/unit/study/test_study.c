@@ -11,7 +11,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "study/instructions.h"
 #include "study/study.h"
 #include "study/study_probe.h"
 
@@ -132,16 +131,22 @@ static void summary_repeats_nothing_and_owns_up_to_noise(void **state)
     study.results[0].view.spread = 0.4;
     umbt_study_summary(&study, text, sizeof text);
     expect(text, "the least runs of 1 of 6 settings on one thread and of 0 on all threads");
-    expect(text, "20 ns a point");                  /* the unsteady one's, all the same */
+    expect(text, "20 ns a point");                       /* the unsteady one's, all the same */
     assert_null(strstr(text, "At most 5 % wrong: 512")); /* the same as for 10 % */
 }
 
 static void summary_says_what_peers_of_the_same_voxels_cost(void **state)
 {
     static const struct umbt_study_result more[] = {
-        {.method = UMBT_STUDY_DEPTH_MAP, .bake = 1, .taps = 1, .view = {5.0, 0.1},
+        {.method = UMBT_STUDY_DEPTH_MAP,
+         .bake = 1,
+         .taps = 1,
+         .view = {5.0, 0.1},
          .bytes = 35000000},
-        {.method = UMBT_STUDY_DEPTH_MAP, .bake = 1, .taps = 9, .view = {25.0, 0.1},
+        {.method = UMBT_STUDY_DEPTH_MAP,
+         .bake = 1,
+         .taps = 9,
+         .view = {25.0, 0.1},
          .bytes = 35000000},
     };
     char text[4096];
@@ -176,9 +181,8 @@ static void summary_fits_any_buffer(void **state)
     }
 }
 
-static void errors_of(size_t count, const float *answers, const float *truth,
-                      const float *boundary, const uint8_t *undefined,
-                      struct umbt_study_result *result)
+static void errors_of(size_t count, const float *answers, const float *truth, const float *boundary,
+                      const uint8_t *undefined, struct umbt_study_result *result)
 {
     float off[256];
     const struct umbt_judged judged = {.count = count,
@@ -280,14 +284,14 @@ static void map_stands_beside_a_dag_of_equal_texels_and_of_equal_bytes(void **st
     memset(&study, 0, sizeof study);
     bakes[0].frusta[0].closed = 1;
     study.technique_resolution = 512;
-    study.techniques[study.technique_count++] = (struct umbt_study_technique){
-        .truth = UMBT_BOX, .result = {.info = {.bytes = 1000}}};
+    study.techniques[study.technique_count++] =
+        (struct umbt_study_technique){.truth = UMBT_BOX, .result = {.info = {.bytes = 1000}}};
     for (int i = 0; i < 4; i++) {
         study.techniques[study.technique_count++] = (struct umbt_study_technique){
             .truth = UMBT_BOX, .bake = &bakes[i], .result = {.info = {.bytes = bytes[i]}}};
     }
-    study.techniques[study.technique_count++] = (struct umbt_study_technique){
-        .truth = UMBT_POINT, .result = {.info = {.bytes = 1000}}};
+    study.techniques[study.technique_count++] =
+        (struct umbt_study_technique){.truth = UMBT_POINT, .result = {.info = {.bytes = 1000}}};
     umbt_study_techniques_pair(&study);
     assert_int_equal(study.techniques[0].same_texels, 1); /* the closed one is the plan's */
     assert_int_equal(study.techniques[0].same_bytes, 3);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The processor's counter of instructions; see instructions.h. */
+/* The processor's counter of instructions; see study_probe.h. */
 #define _GNU_SOURCE /* syscall */
-#include "study/instructions.h"
+#include "study/study_probe.h"
 
 #include <errno.h>
 #include <linux/perf_event.h>
@@ -36,8 +36,7 @@ int umbt_instructions_open(char *reason, size_t size)
         .exclude_kernel = 1,
         .exclude_hv = 1,
     };
-    const long counter =
-        syscall(SYS_perf_event_open, &attributes, 0, -1, -1, PERF_FLAG_FD_CLOEXEC);
+    const long counter = syscall(SYS_perf_event_open, &attributes, 0, -1, -1, PERF_FLAG_FD_CLOEXEC);
     reason[0] = '\0';
     if (counter < 0) {
         (void)snprintf(reason, size, "%s", why(errno));
