@@ -315,14 +315,24 @@ void umbr_verify_judge_outside(struct umbr_verify_block *block, const double loc
     }
 }
 
+/* Judges and counts a sample, also by its light behind translucent casters. */
+static uint64_t judge_both(struct umbr_verify_block *block, const struct umbr_sample *sample,
+                           int lit)
+{
+    enum umbr_verdict verdict = judge_sample(block, sample, lit);
+    if (verdict == UMBR_AGREES && lit && block->job->texel > 0) {
+        verdict = umbr_verify_judge_light(block, sample);
+    }
+    return umbr_verify_count(block, verdict, sample->local);
+}
+
 uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
                                    const struct umbr_sample *samples, const uint8_t *lit,
                                    size_t count)
 {
     uint64_t compared = 0;
     for (size_t i = 0; i < count; i++) {
-        const enum umbr_verdict verdict = judge_sample(block, &samples[i], lit[i]);
-        compared += umbr_verify_count(block, verdict, samples[i].local);
+        compared += judge_both(block, &samples[i], lit[i]);
     }
     return compared;
 }

@@ -45,6 +45,10 @@ struct umbs_material {
     float base_alpha;      /* 0..1, factor on the texture's alpha */
     uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
     float transmission;    /* 0..1, share of the light that passes through the surface */
+    /* For pictures only, never hashed: linear red, green and blue, 0..1, and 1 if an image, which is
+     * not read, gives the colour. */
+    float base_color[3];
+    uint32_t has_image;
 };
 
 struct umbs_mesh {
@@ -102,6 +106,7 @@ struct umbs_scene_view {
     const struct umbs_texture *textures;
     const double (*positions)[3];   /* [vertex_count], mesh space */
     const float (*uvs)[2];          /* [vertex_count] or NULL; u right, v up over the image */
+    const float (*normals)[3];      /* [vertex_count] unit, 0 0 0 = none; NULL unless `look` */
     const uint32_t (*triangles)[3]; /* [triangle_count], vertex numbers within the mesh */
     const uint8_t *alpha;           /* alpha pool */
     uint64_t alpha_bytes;
@@ -131,6 +136,7 @@ struct umbs_import_options {
     uint64_t max_triangles;    /* limit, instances multiplied; 0 = 200 million */
     uint32_t max_files;        /* limit of look-ups of files that the scene names; 0 = 65536 */
     uint32_t timeout_s;        /* limit of CPU seconds and of wall seconds; 0 = 600 */
+    int look; /* 1: reads what only pictures need, too: normals. The scene's hash is the same */
     const char *importer_path; /* program; NULL = umbrage-bake beside the running program */
     /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
      * of the scene or of the importer's answers is read. Here the caller drops its own rights.

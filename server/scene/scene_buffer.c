@@ -16,10 +16,10 @@
 #include "base/vec.h"
 #include "common/clean_text.h"
 
-_Static_assert(sizeof(struct umbs_scene_header) == 200, "header without padding");
+_Static_assert(sizeof(struct umbs_scene_header) == 216, "header without padding");
 _Static_assert(sizeof(struct umbs_mesh) == 24, "mesh without padding");
 _Static_assert(sizeof(struct umbs_instance) == 104, "instance without padding");
-_Static_assert(sizeof(struct umbs_material) == 88, "material without padding");
+_Static_assert(sizeof(struct umbs_material) == 104, "material without padding");
 _Static_assert(sizeof(struct umbs_light) == 176, "light without padding");
 _Static_assert(sizeof(struct umbs_texture) == 96, "texture without padding");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over little-endian bytes");
@@ -42,6 +42,7 @@ static const struct section_kind section_kinds[UMBS_SECTION_COUNT] = {
     [UMBS_SECTION_TEXTURES] = {"texture_count", sizeof(struct umbs_texture), UINT32_MAX},
     [UMBS_SECTION_POSITIONS] = {"vertex_count", 3 * sizeof(double), UINT32_MAX},
     [UMBS_SECTION_UVS] = {"uv count", 2 * sizeof(float), UINT32_MAX},
+    [UMBS_SECTION_NORMALS] = {"normal count", 3 * sizeof(float), UINT32_MAX},
     [UMBS_SECTION_TRIANGLES] = {"triangle_count", 3 * sizeof(uint32_t), UINT32_MAX},
     [UMBS_SECTION_ALPHA] = {"alpha_bytes", 1, 1ULL << 40},
     [UMBS_SECTION_WARNINGS] = {"warnings bytes", 1, 1ULL << 24},
@@ -62,7 +63,7 @@ const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
             return section_kinds[i].name;
         }
         offsets[i] = at;
-        /* A section has at most 2^32 * 176 or 2^40 bytes: ten sections are far from 2^64. */
+        /* A section has at most 2^32 * 176 or 2^40 bytes: eleven sections are far from 2^64. */
         at += (counts[i] * section_kinds[i].item_bytes + 7) & ~7ULL;
     }
     *total = at;
@@ -145,6 +146,11 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
     if (uvs != 0 && uvs != header->counts[UMBS_SECTION_POSITIONS]) {
         return bad(error, "uv count", uvs, "must be 0 or", header->counts[UMBS_SECTION_POSITIONS]);
     }
+    const uint64_t normals = header->counts[UMBS_SECTION_NORMALS];
+    if (normals != 0 && normals != header->counts[UMBS_SECTION_POSITIONS]) {
+        return bad(error, "normal count", normals, "must be 0 or",
+                   header->counts[UMBS_SECTION_POSITIONS]);
+    }
     return UMB_OK;
 }
 
@@ -171,6 +177,9 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     view->positions = (const void *)(bytes + offsets[UMBS_SECTION_POSITIONS]);
     view->uvs =
         counts[UMBS_SECTION_UVS] > 0 ? (const void *)(bytes + offsets[UMBS_SECTION_UVS]) : NULL;
+    view->normals = counts[UMBS_SECTION_NORMALS] > 0
+                        ? (const void *)(bytes + offsets[UMBS_SECTION_NORMALS])
+                        : NULL;
     view->triangles = (const void *)(bytes + offsets[UMBS_SECTION_TRIANGLES]);
     view->alpha = bytes + offsets[UMBS_SECTION_ALPHA];
     view->alpha_bytes = counts[UMBS_SECTION_ALPHA];
@@ -193,6 +202,11 @@ static enum umb_status check_vertices(const struct umbs_scene_view *view, struct
     for (size_t i = 0; view->uvs != NULL && i < view->vertex_count; i++) {
         if (!isfinite(view->uvs[i][0]) || !isfinite(view->uvs[i][1])) {
             return bad_item(error, "uv", i, "is not finite");
+        }
+    }
+    for (size_t i = 0; view->normals != NULL && i < (size_t)3 * view->vertex_count; i++) {
+        if (!in_range((double)view->normals[i / 3][i % 3], -1.0, 1.0)) {
+            return bad_item(error, "normal", i / 3, "is not in -1..1");
         }
     }
     return UMB_OK;
@@ -291,6 +305,13 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
             rule = "texture beyond texture_count";
         } else if (!in_range((double)material->transmission, 0.0, 1.0)) {
             rule = "transmission is not in 0..1";
+        } else if (material->has_image > 1) {
+            rule = "has_image is not 0 or 1";
+        }
+        for (int k = 0; k < 3; k++) {
+            if (!in_range((double)material->base_color[k], 0.0, 1.0)) {
+                rule = "base_color is not in 0..1";
+            }
         }
         if (rule != NULL) {
             return bad_item(error, "material", i, rule);

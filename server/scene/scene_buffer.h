@@ -39,6 +39,7 @@ enum umbs_section {
     UMBS_SECTION_UVS, /* vertex_count or none */
     UMBS_SECTION_TRIANGLES,
     UMBS_SECTION_ALPHA,
+    UMBS_SECTION_NORMALS,  /* vertex_count or none */
     UMBS_SECTION_WARNINGS, /* with its NUL */
     UMBS_SECTION_COUNT
 };

@@ -97,6 +97,34 @@ enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder, const 
     return status;
 }
 
+/* Appends vertices without a normal, up to `count` in all. */
+static enum umb_status fill_normals(struct umbs_scene_builder *builder, size_t count,
+                                    struct umb_error *error)
+{
+    struct umbs_array *normals = &builder->normals;
+    const size_t bytes = 3 * sizeof(float), more = count - normals->count;
+    UMB__TRY(umbs_array_reserve(normals, more, bytes, error));
+    memset((char *)normals->data + normals->count * bytes, 0, more * bytes);
+    normals->count = count;
+    return UMB_OK;
+}
+
+enum umb_status umbs_scene_set_normal(struct umbs_scene_builder *builder, const double normal[3],
+                                      struct umb_error *error)
+{
+    const double length = hypot(hypot(normal[0], normal[1]), normal[2]);
+    const size_t count = builder->positions.count;
+    if (!(length > 0.0) || !isfinite(length) || count == 0) {
+        return UMB_OK;
+    }
+    UMB__TRY(fill_normals(builder, count, error));
+    float *last = (float *)builder->normals.data + 3 * (count - 1);
+    for (int k = 0; k < 3; k++) {
+        last[k] = (float)fmax(-1.0, fmin(1.0, normal[k] / length));
+    }
+    return UMB_OK;
+}
+
 enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
                                         const uint32_t corners[3], struct umb_error *error)
 {
@@ -153,6 +181,7 @@ struct umbs_material umbs_material_opaque(void)
         .alpha_cutoff = 0.5F,
         .base_alpha = 1.0F,
         .texture = UMBS_NO_INDEX,
+        .base_color = {1.0F, 1.0F, 1.0F},
     };
     return material;
 }
@@ -244,6 +273,9 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
     UMB__TRY(umbs_array_reserve(&builder->warnings, 1, 1, error));
     ((char *)builder->warnings.data)[builder->warnings.count] = '\0';
     clear_unusable_positions(&builder->positions);
+    if (builder->normals.count > 0) {
+        UMB__TRY(fill_normals(builder, builder->positions.count, error));
+    }
     memcpy(header.magic, UMBS_SCENE_MAGIC, sizeof(header.magic));
     for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
         header.counts[i] = builder->sections[i].count + (i == UMBS_SECTION_WARNINGS);

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
+#include "study/frame_casters.h"
 #include "study/study_math.h"
 #include "tool/output.h"
 #include "tool/threads.h"
@@ -124,9 +125,17 @@ enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                   const struct umbt_camera_request *request, const uint32_t size[2],
                                   struct umb_error *error)
 {
-    const struct umbt_camera_subject subject =
+    const struct umbt_camera_subject whole =
         umbt_subject(setup->scene, setup->to_light, setup->z_up);
-    return umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
+    struct umbt_camera_subject subject;
+    double(*points)[3];
+    UMB__TRY(
+        umbt_frame_casters(setup->scene, request, &whole, size, setup->with_ground,
+                                &subject, &points, error));
+    const enum umb_status status =
+        umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
+    free(points);
+    return status;
 }
 
 enum umb_status umbt_setup_open(struct umbt_common *common, struct umbt_setup *setup,

@@ -49,6 +49,7 @@ struct umbt_setup {
     struct umbt_camera camera;
     double to_light[3]; /* unit */
     int z_up;
+    int with_ground; /* 1: a fitted camera leaves room for shadows on a plane at the foot */
 };
 
 /* Rows that several commands have. */
@@ -110,8 +111,9 @@ int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 
-/* Makes the camera of a setup whose other fields are set. size: width and height in pixels. Fails:
- * the errors of umbt_camera_make. */
+/* Makes the camera of a setup whose other fields are set; a camera without eye= shows what casts
+ * (frame_casters.h). size: width and height in pixels. Fails: the errors of umbt_camera_make,
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                               const struct umbt_camera_request *request,
                                               const uint32_t size[2], struct umb_error *error);

@@ -56,6 +56,7 @@ static enum umb_status result_draw(const struct umbt_study *study,
     const struct umbt_study_bake *bake = &study->bakes[result->bake];
     struct umbt_shadow_source source = {
         .name = bake->name, .asset = bake->asset, .settings.taps = result->taps};
+    const uint32_t first_light = 0;
     struct umbt_picture_result ignored;
     char name[128];
     UMB__TRY(umb_query_prepare(bake->asset, &source.settings, &source.query, error));
@@ -67,12 +68,19 @@ static enum umb_status result_draw(const struct umbt_study *study,
     truth.frusta = bake->frusta;
     truth.frustum_count = bake->light.frustum_count;
     truth.closed = NULL; /* its numbers are not used */
+    struct umbt_picture_light light = umbt_picture_sun(setup);
+    light.source = &source;
+    light.truth = &truth;
+    light.lamp = study->points.lamp;
+    if (light.lamp != NULL) {
+        UMB__TRY(umbt_picture_lights_weigh(setup, &(const struct umbt_ground){0}, &first_light,
+                                           study->light_count, &light, 1, error));
+    }
     const struct umbt_picture_request request = {
         .setup = setup,
         .size = {WIDTH, HEIGHT},
-        .source = &source,
-        .truth = &truth,
-        .lamp = study->points.lamp,
+        .lights = &light,
+        .light_count = 1,
         .aa = study->options.quick ? 1 : 2,
         .threads = study->common.threads,
         .difference = 1,

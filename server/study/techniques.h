@@ -83,6 +83,10 @@ UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const cha
 void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
                      const float *values);
 
+/* Writes a name into the upper left corner of a drawing. */
+void umbt_sheet_label(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
+                      const char *name);
+
 /* Writes the sheet. Fails: as umbt_picture_write. */
 UMB_CHECKED enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet,
                                              struct umb_error *error);

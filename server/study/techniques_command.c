@@ -52,6 +52,10 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
 
+/* Names of the drawings of the truths, in the order of enum umbt_technique_truth. */
+static const char *const TRUTH_LABELS[UMBT_TECHNIQUE_TRUTHS] = {"traced: box", "traced: point",
+                                                                "traced: penumbra"};
+
 /* Truths of the rows of an asset. */
 static const enum umbt_technique_truth DAG_TRUTHS[] = {UMBT_POINT, UMBT_BOX};
 
@@ -63,6 +67,17 @@ static enum umb_status row_run(struct techniques *t, size_t i, struct umb_error 
     }
     return umbt_dag_run(&t->view, t->asset, DAG_TRUTHS[i - umbt_technique_row_count], t->values,
                         result, error);
+}
+
+/* Name of row i; the asset's is written to the buffer. */
+static const char *row_name(const struct techniques *t, size_t i, char *buffer, size_t size)
+{
+    if (i < umbt_technique_row_count) {
+        return umbt_technique_rows[i].name;
+    }
+    const int box = DAG_TRUTHS[i - umbt_technique_row_count] == UMBT_BOX;
+    (void)snprintf(buffer, size, "dag-%u", box ? t->view.taps : 1U);
+    return buffer;
 }
 
 static enum umb_status techniques_run(void *state, const struct umbu_parsed *parsed,
@@ -88,23 +103,16 @@ static enum umb_status techniques_run(void *state, const struct umbu_parsed *par
                               UMBT_TECHNIQUE_TRUTHS + t->row_count, error));
     for (size_t i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
         umbt_sheet_draw(&t->sheet, i, &t->view, t->view.truth[i]);
+        umbt_sheet_label(&t->sheet, i, &t->view, TRUTH_LABELS[i]);
     }
     for (size_t i = 0; i < t->row_count; i++) {
+        char name[16];
         UMB__TRY(row_run(t, i, error));
         umbt_sheet_draw(&t->sheet, UMBT_TECHNIQUE_TRUTHS + i, &t->view, t->values);
+        umbt_sheet_label(&t->sheet, UMBT_TECHNIQUE_TRUTHS + i, &t->view,
+                         row_name(t, i, name, sizeof name));
     }
     return umbt_sheet_write(&t->sheet, error);
-}
-
-/* Name of row i; the asset's is written to the buffer. */
-static const char *row_name(const struct techniques *t, size_t i, char *buffer, size_t size)
-{
-    if (i < umbt_technique_row_count) {
-        return umbt_technique_rows[i].name;
-    }
-    const int box = DAG_TRUTHS[i - umbt_technique_row_count] == UMBT_BOX;
-    (void)snprintf(buffer, size, "dag-%u", box ? t->view.taps : 1U);
-    return buffer;
 }
 
 static const char *row_truth(size_t i)

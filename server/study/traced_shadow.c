@@ -15,6 +15,7 @@ struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_
 {
     return (struct umbt_truth){
         .rays = scene->rays,
+        .layers = scene->casts.layers,
         .to_light = {to_light[0], to_light[1], to_light[2]},
         .diagonal_m = scene->diagonal_m,
         .origin = {origin[0], origin[1], origin[2]},
@@ -97,12 +98,22 @@ void umbt_truth_frustum_at(const struct umbt_truth *truth, const double point[3]
     }
 }
 
-static int ray_reaches(const struct umbt_truth *truth, const double from[3])
+/* Share of light that arrives along a ray. */
+static double ray_share(const struct umbt_truth *truth, const double from[3],
+                        const double towards[3], double far_m)
+{
+    return umbr_occluded(truth->rays, from, towards, 0.0, far_m)
+               ? 0.0
+               : umbr_layers_pass(truth->layers, from, towards, far_m);
+}
+
+/* Share of light that arrives from the lamp, or along parallel light. */
+static double light_share(const struct umbt_truth *truth, const double from[3])
 {
     double towards[3];
     const double far = umbt_towards_light(truth->lamp, truth->to_light, from, towards);
-    return !umbr_occluded(truth->rays, from, towards, 0.0,
-                          truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
+    return ray_share(truth, from, towards,
+                     truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
 }
 
 /* A window: side x side starts of rays, `pitch` texels apart, centred `centre` texels from the
@@ -145,11 +156,11 @@ static void window_start(const struct window *window, uint32_t i, double start[3
 static float window_visibility(const struct umbt_truth *truth, const struct window *window)
 {
     const uint32_t count = window->side * window->side;
-    uint32_t lit = 0;
+    double lit = 0.0;
     for (uint32_t i = 0; i < count; i++) {
         double start[3];
         window_start(window, i, start);
-        lit += ray_reaches(truth, start) ? 1U : 0U;
+        lit += light_share(truth, start);
     }
     return (float)lit / (float)count;
 }
@@ -201,7 +212,7 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
 {
     const double radius = tan(truth->extent / 2), side = (double)truth->samples;
     double u[3], v[3], x, y;
-    uint32_t lit = 0;
+    double lit = 0.0;
     across(truth->to_light, u, v);
     for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
         double direction[3];
@@ -210,8 +221,9 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
         umbt_along(truth->to_light, radius * x, u, direction);
         umbt_along(direction, radius * y, v, direction);
         (void)umbt_normalize(direction);
-        lit += umb__dot(direction, normal) > 0.0 &&
-               !umbr_occluded(truth->rays, from, direction, 0.0, FAR_FACTOR * truth->diagonal_m);
+        lit += umb__dot(direction, normal) > 0.0
+                   ? ray_share(truth, from, direction, FAR_FACTOR * truth->diagonal_m)
+                   : 0.0;
     }
     return (float)lit / (float)(truth->samples * truth->samples);
 }
@@ -230,7 +242,7 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
         if (truth->kind == UMBT_TRUTH_DISC) {
             return disc_visibility(truth, window.moved, normal);
         }
-        return ray_reaches(truth, window.moved) ? 1.0F : 0.0F;
+        return (float)light_share(truth, window.moved);
     }
     texel_window(truth, point, normal, &window);
     if (truth->kind == UMBT_TRUTH_AREA) {

@@ -2,7 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 #define UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 /*
- * Shadows by rays, the reference for an asset's pictures.
+ * Shadows by rays, the reference for an asset's pictures. A ray that meets no opaque caster brings
+ * the product of what the translucent casters on it let through.
  *
  * Four references, each towards the light from points outside the surface, 0 where the normal faces
  * away:
@@ -34,7 +35,8 @@ enum umbt_truth_kind {
 };
 
 struct umbt_truth {
-    const struct umbr_rays *rays; /* borrowed */
+    const struct umbr_rays *rays;     /* borrowed */
+    const struct umbr_layers *layers; /* translucent casters, borrowed; NULL: none */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
     uint32_t samples;                  /* AREA and DISC: rays a side, 1..64 */
@@ -80,7 +82,8 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
 int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);
 
-/* Share of the reference's rays that reach the light. Threads: any. */
+/* Mean share of light that arrives along the reference's rays: 0 or 1 for each, or the product of
+ * what the translucent casters on it let through. Threads: any. */
 float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);
 
