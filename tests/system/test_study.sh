@@ -223,7 +223,7 @@ assert "directional lights only" in report["missing"] and report["missing"] in r
 assert report["rays"]["ns_view"] > 0 and report["rays"]["ns_view8"] is None
 PY
 check "a lamp is studied" /usr/bin/python3 lamp.py lamp
-check "with pictures" test -s lamp/pictures/traced.png -a -s lamp/pictures/1024-open-9-difference.png
+check "with pictures" test -s lamp/pictures/traced.png -a -s lamp/pictures/1024-closed-9-difference.png
 if command -v node >/dev/null; then
     check "its page's scripts run" sh -c 'node "$1/tests/harness/draw_page.js" lamp/report.html >drawn.json' sh "$root"
 fi
@@ -238,7 +238,7 @@ gltf.setdefault("extensions", {})["KHR_lights_punctual"] = {"lights": lights}
 gltf["extensionsUsed"] = gltf.get("extensionsUsed", []) + ["KHR_lights_punctual"]
 for i in range(3):
     gltf["scenes"][0]["nodes"].append(len(gltf["nodes"]))
-    gltf["nodes"].append({"translation": [10.0, 40.0 + i, 10.0], "extensions": {"KHR_lights_punctual": {"light": i}}})
+    gltf["nodes"].append({"name": f"lamp {i}", "translation": [10.0, 40.0 + i, 10.0], "extensions": {"KHR_lights_punctual": {"light": i}}})
 text = json.dumps(gltf).encode()
 text += b" " * (-len(text) % 4)
 rest = body[20 + length:]
