@@ -72,7 +72,8 @@ struct umbt_study_points {
     size_t first[UMBT_STUDY_SET_COUNT + 1]; /* set s is first[s] .. first[s + 1] - 1 */
     double (*positions)[3];                 /* [count] world space, metres */
     float (*normals)[3];                    /* [count] zero for free points */
-    float *sharp;                           /* [count] the hard truth: 0 or 1 */
+    /* [count] The hard truth: 0 or 1, and with the share that translucent casters let through. */
+    float *opaque, *sharp;
     /* [count] Distance in metres along the surface to a change of the hard truth; infinite beyond
      * reach_m, and for free points. */
     float *boundary_m;
@@ -157,6 +158,7 @@ struct umbt_study {
     struct umbt_time rays[UMBT_RAYS_WAYS]; /* Time of a ray; with AREA and AREA8, of a point */
     int64_t stopped;                       /* number of rays that hit a triangle, in all runs */
     int z_up;
+    int translucent; /* 1: casters let light through, by rays and in the assets */
     const char *missing; /* sentence about peers that could not be measured, or "" */
     char uncounted[160]; /* reason why instructions are not counted, or empty */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];

@@ -125,19 +125,38 @@ static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *err
                : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
 }
 
+/* Loads the scene with translucent casters that let light through. */
+static enum umb_status scene_open(struct umbt_study *study, struct umb_error *error)
+{
+    UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, UMBT_SCENE_THROUGH,
+                             error));
+    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
+                                            : study->common.scene.scene->view.z_up;
+    return UMB_OK;
+}
+
+/* Loads the scene again if the plan of the bakes takes translucent casters as opaque. */
+static enum umb_status scene_match(struct umbt_study *study, struct umb_error *error)
+{
+    const int translucent = study->common.scene.casts.cuts.translucent.triangles > 0;
+    if (!translucent || umbt_plan_has(study->bakes[0].info.plan, "transmittance")) {
+        study->translucent = translucent;
+        return UMB_OK;
+    }
+    umbt_scene_finish(&study->common.scene);
+    return umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error);
+}
+
 static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
                                  struct umb_error *error)
 {
     static enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
-        umbt_study_bake_all, umbt_study_points_make, umbt_study_measure,
-        umbt_study_pictures, umbt_study_techniques,  heat_draw};
+        scene_open,         umbt_study_bake_all, scene_match,           umbt_study_points_make,
+        umbt_study_measure, umbt_study_pictures, umbt_study_techniques, heat_draw};
     struct umbt_study *study = state;
     const double start = umbu_clock_s();
     (void)parsed;
     options_complete(study);
-    UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error));
-    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
-                                            : study->common.scene.scene->view.z_up;
     for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
         UMB__TRY(steps[i](study, error));
     }

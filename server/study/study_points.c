@@ -44,12 +44,19 @@ double umbt_study_towards(const struct umbt_study_points *points, const double p
     return umbt_towards_light(points->lamp, points->to_light, point, towards);
 }
 
-static int sees_light(const struct umbt_study *study, const double from[3])
+/* Returns 1 if no opaque caster hides the light. share: gets what translucent ones let through, of
+ * 0 or 1; NULL: not wanted. */
+static int sees_light(const struct umbt_study *study, const double from[3], float *share)
 {
     double towards[3];
-    const double far = umbt_study_towards(&study->points, from, towards);
-    return !umbr_occluded(study->common.scene.rays, from, towards, 0.0,
-                          fmin(far, 2.0 * study->common.scene.diagonal_m));
+    const double far = fmin(umbt_study_towards(&study->points, from, towards),
+                            2.0 * study->common.scene.diagonal_m);
+    const int lit = !umbr_occluded(study->common.scene.rays, from, towards, 0.0, far);
+    if (share != NULL) {
+        *share = lit ? (float)umbr_layers_pass(study->common.scene.casts.layers, from, towards, far)
+                     : 0.0F;
+    }
+    return lit;
 }
 
 void umbt_study_tangents(const double normal[3], double u[3], double v[3])
@@ -70,7 +77,7 @@ static int lit_at(const struct umbt_study *study, const double from[3], const do
 {
     double at[3];
     umbt_along(from, distance, along, at);
-    return sees_light(study, at);
+    return sees_light(study, at, NULL);
 }
 
 /* Returns the least distance along a direction at which the truth is not `lit`, or infinity. */
@@ -104,17 +111,18 @@ static void trace_point(struct umbt_study *study, size_t i)
     umbt_widen(points->normals[i], normal);
     points->boundary_m[i] = INFINITY;
     if (!(umbt_normalize(normal) > 0.0)) {
-        points->sharp[i] = (float)sees_light(study, points->positions[i]);
+        points->opaque[i] =
+            (float)sees_light(study, points->positions[i], &points->sharp[i]);
         return;
     }
     (void)umbt_study_towards(points, points->positions[i], towards);
     if (!(umb__dot(normal, towards) > 0.0)) {
-        points->sharp[i] = 0.0F;
+        points->opaque[i] = points->sharp[i] = 0.0F;
         return;
     }
     umbt_along(points->positions[i], SURFACE_LIFT * study->common.scene.diagonal_m, normal, from);
-    const int lit = sees_light(study, from);
-    points->sharp[i] = (float)lit;
+    const int lit = sees_light(study, from, &points->sharp[i]);
+    points->opaque[i] = (float)lit;
     umbt_study_tangents(normal, u, v);
     double nearest = INFINITY;
     for (int d = 0; d < DIRECTIONS; d++) {
@@ -146,9 +154,11 @@ static enum umb_status room_make(struct umbt_study_points *points, size_t count,
 {
     points->positions = calloc(count, sizeof *points->positions);
     points->normals = calloc(count, sizeof *points->normals);
+    points->opaque = calloc(count, sizeof *points->opaque);
     points->sharp = calloc(count, sizeof *points->sharp);
     points->boundary_m = calloc(count, sizeof *points->boundary_m);
-    if (points->positions == NULL || points->normals == NULL || points->sharp == NULL ||
+    if (points->positions == NULL || points->normals == NULL || points->opaque == NULL ||
+        points->sharp == NULL ||
         points->boundary_m == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", count);
     }
@@ -246,6 +256,7 @@ static void border_keep(struct umbt_study_points *points, size_t first, size_t w
         if ((double)points->boundary_m[i] <= BORDER_SHARE * points->reach_m) {
             memmove(points->positions[kept], points->positions[i], sizeof points->positions[i]);
             memmove(points->normals[kept], points->normals[i], sizeof points->normals[i]);
+            points->opaque[kept] = points->opaque[i];
             points->sharp[kept] = points->sharp[i];
             points->boundary_m[kept] = points->boundary_m[i];
             kept++;
@@ -329,6 +340,7 @@ void umbt_study_points_finish(struct umbt_study_points *points)
 {
     free(points->positions);
     free(points->normals);
+    free(points->opaque);
     free(points->sharp);
     free(points->boundary_m);
     memset(points, 0, sizeof *points);

@@ -459,6 +459,7 @@ static void truth_prepare(struct umbt_probe *probe)
     rays->settings.taps = probe->result->taps;
     rays->samples = (uint32_t)study->options.truth_side;
     rays->extent = disc ? probe->bake->light.extent : 0.0;
+    rays->layers = probe->peer != NULL ? NULL : rays->layers; /* peers know opaque casters only */
     rays->lamp = study->points.lamp;
     rays->frusta = rays->lamp != NULL ? probe->bake->frusta : NULL;
     rays->frustum_count = rays->lamp != NULL ? probe->bake->light.frustum_count : 0;

@@ -114,6 +114,7 @@ static void json_head(struct umbu_json *json, const struct umbt_study *study)
     umbu_json_integer(json, "seed", study->common.seed);
     umbu_json_integer(json, "threads", study->common.threads);
     json_light(json, &study->bakes[0].light);
+    umbu_json_bool(json, "translucent", study->translucent);
     UMBU_JSON_VALUES(json, 6, {"diagonal_m", study->common.scene.diagonal_m},
                      {"reach_m", points->reach_m}, {"footprint_m", points->footprint_m},
                      {"study_s", study->seconds});

@@ -125,9 +125,7 @@ static void fill_arguments(const struct umbt_study *study, const struct umbt_stu
 {
     const char *fixed[] = {"umbrage-bake", study->common.scene_path, "-o", paths[ASSET], "--verify",
                            "0", "--quiet", "--closed", bake->rule, "--resolution", numbers,
-                           "--threads",
-                           /* Because rays know only opaque and open. */
-                           numbers + 16, "--effect", "transmittance=off"};
+                           "--threads", numbers + 16};
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
     (void)snprintf(numbers + 16, 16, "%u", study->common.threads);

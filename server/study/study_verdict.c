@@ -389,6 +389,10 @@ static void say_caveats(FILE *to, const struct umbt_study *study)
     if (study->missing != NULL && study->missing[0] != '\0') {
         fprintf(to, "%s\n", study->missing);
     }
+    if (study->translucent) {
+        fprintf(to, "Translucent casters let light through here, in the assets and in the rays; "
+                    "shadow maps, grids and techniques are compared by opaque casters alone.\n");
+    }
     if (study->light_count > 1) {
         fprintf(to,
                 "The first of the file's %u lights is studied, but the file gives it no name to "

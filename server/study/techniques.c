@@ -85,6 +85,7 @@ static void box_truth(const struct umbt_technique_view *view, const struct umb_m
     }
     *truth = umbt_truth_of(view->setup.scene, view->setup.to_light, frustum->origin, &texels);
     truth->kind = UMBT_TRUTH_AREA;
+    truth->layers = NULL;
     truth->settings.taps = view->taps;
     truth->samples = AREA_RAYS;
 }
@@ -562,7 +563,8 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
     const struct umb_query_settings settings = {.taps = kind == UMBT_BOX ? view->taps : 1,
                                                 .filter =
                                                     penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
-                                                .light_extent = penumbra ? view->light_rad : 0.0};
+                                                .light_extent = penumbra ? view->light_rad : 0.0,
+        .opaque_only = 1}; /* as maps are */
     struct umb_asset_info info;
     struct umb_light_info light;
     struct umb_query query;

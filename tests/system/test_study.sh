@@ -254,6 +254,22 @@ assert light["lamp"] and light["name"] == "lamp 0" and light["position"][1] == 4
 out_lights=$("$BUILD/umbrage" info three/assets/512-auto.umb --json 2>/dev/null | grep -o '"kind"' | wc -l)
 same "it alone is baked" 1 "$out_lights"
 
+# Translucent casters: the asset's transmittance against rays through the panes.
+/usr/bin/python3 -c 'import sys; sys.path.insert(0, sys.argv[1]); import translucent_scenes; translucent_scenes.glass("glass.obj")' "$root/tests/harness"
+try 0 umbrage-study glass.obj -o glass "$@" --up z --quiet
+cat >glass.py <<'PY'
+import json
+report = json.load(open("glass/report.json"))
+assert report["translucent"] and "Translucent casters let light through" in report["verdict"]
+assert "effect=transmittance state=on" in report["plan"]
+one = [r for r in report["results"] if r["method"] == "dag" and r["taps"] == 1 and r["level"] == 0]
+assert one and one[-1]["wrong"] < one[0]["wrong"], one
+for r in report["results"]:
+    if r["method"] == "dag" and r["level"] == 0:
+        assert r["wrong_view"] < 0.03 and r["rms"] < 0.15, r
+PY
+check "translucent casters are judged by what they let through" /usr/bin/python3 glass.py
+
 # What it refuses.
 try 2 umbrage-study city.glb -o x --points 10
 one_sentence --points
