@@ -14,6 +14,7 @@
 
 #define STEPS_MAX  12
 #define RISE_SIGMA 2.0 /* a rise within so many deviations of the sample is chance */
+#define WRONG_MIN  20  /* wrong answers that a step needs to count in a fit */
 
 static double clamp_at(double value, double least)
 {
@@ -149,13 +150,19 @@ static void say_step(FILE *to, const struct step *steps, uint32_t count)
     say_gain(to, low->result, high->result);
 }
 
-/* Returns the power of the resolution that a value grows with: a least-squares line of logarithms.
- * Steps without a wrong answer are left out. */
+/* Returns 1 if a step has enough wrong answers to tell their share. */
+static int is_told(const struct step *step)
+{
+    return wrong_of(step) * (double)step->result->judged >= WRONG_MIN;
+}
+
+/* Returns the power of the resolution that a value grows with: a least-squares line of logarithms
+ * over the steps that tell their error. */
 static double power_of(const struct step *steps, uint32_t count, step_value_fn value)
 {
     double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0;
     for (uint32_t i = 0; i < count; i++) {
-        if (wrong_of(&steps[i]) > 0.0 && value(&steps[i]) > 0.0) {
+        if (is_told(&steps[i]) && value(&steps[i]) > 0.0) {
             const double x = log2(side_of(&steps[i])), y = log2(value(&steps[i]));
             n += 1.0;
             sx += x;
@@ -172,8 +179,16 @@ static double power_of(const struct step *steps, uint32_t count, step_value_fn v
 static void say_halving(FILE *to, const struct step *steps, uint32_t count)
 {
     const double fall = -power_of(steps, count, wrong_of);
-    if (!(fall > 0.05)) {
-        return; /* the error does not fall with the resolution */
+    uint32_t first = count, last = count;
+    for (uint32_t i = 0; i < count; i++) {
+        first = is_told(&steps[i]) && first == count ? i : first;
+        last = is_told(&steps[i]) ? i : last;
+    }
+    if (first == last || !(fall > 0.05)) {
+        fprintf(to, "Half the error costs: not told, because %s.\n",
+                first == last ? "too few answers are wrong"
+                              : "the error does not fall with the resolution");
+        return;
     }
     fprintf(to,
             "Half the error costs: %.2g times the voxels a side, and with them %.2g times the "
@@ -181,8 +196,8 @@ static void say_halving(FILE *to, const struct step *steps, uint32_t count)
             "voxels; the error is the share of wrong answers at all samples).\n",
             exp2(1.0 / fall), exp2(power_of(steps, count, bytes_of) / fall),
             exp2(power_of(steps, count, time_of) / fall),
-            exp2(power_of(steps, count, bake_of) / fall), steps[0].bake->resolution,
-            steps[count - 1].bake->resolution);
+            exp2(power_of(steps, count, bake_of) / fall), steps[first].bake->resolution,
+            steps[last].bake->resolution);
 }
 
 /* ---- the fastest setting for an error ---- */
