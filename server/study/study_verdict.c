@@ -359,35 +359,54 @@ static void say_peer(FILE *to, const struct umbt_study *study, enum umbt_study_m
 
 /* ---- caveats ---- */
 
-/* Returns the likely reason for a rise of the share of wrong answers from one step to the next. */
-static const char *rise_reason(const struct umbt_study_result *low,
+/* A share of wrong answers, and the samples that it is of. */
+struct wrong_share {
+    const char *of;
+    double low, high; /* at a step and at the next */
+    double samples;
+};
+
+/* Returns the reason for a rise of a share from one step to the next, as far as it is known. */
+static const char *rise_reason(const struct wrong_share *share, const struct umbt_study_result *low,
                                const struct umbt_study_result *high)
 {
-    const double samples = clamp_at((double)high->judged, 1.0);
-    const double rise = high->wrong - low->wrong;
+    const double rise = share->high - share->low, samples = clamp_at(share->samples, 1.0);
     if (rise * samples <= (double)low->undefined - (double)high->undefined) {
         return "fewer samples are left out, because fewer windows reach into solids";
     }
-    return rise <= RISE_SIGMA * sqrt((high->wrong + low->wrong) / samples)
+    return rise <= RISE_SIGMA * sqrt((share->high + share->low) / samples)
                ? "within the chance of the sample"
                : "more than the chance of the sample";
 }
 
-/* Writes where the share of wrong answers rises with the resolution, and why. */
+/* Writes where one filter's shares of wrong answers rise from a step to the next, and why. */
+static void say_rise(FILE *to, const struct umbt_study *study, const struct step steps[2])
+{
+    const struct umbt_study_result *low = steps[0].result, *high = steps[1].result;
+    const struct wrong_share shares[2] = {
+        {"all samples", low->wrong, high->wrong, (double)high->judged},
+        {"what the cameras see", low->wrong_view, high->wrong_view,
+         (double)study->points.first[UMBT_STUDY_BORDER]},
+    };
+    for (int i = 0; i < 2; i++) {
+        if (shares[i].high > shares[i].low) {
+            fprintf(to,
+                    "Not monotone: with %u x %u taps, %u voxels a side have %.2g %% of %s wrong, "
+                    "%u have %.2g %%: %s.\n",
+                    low->taps, low->taps, steps[0].bake->resolution, 100.0 * shares[i].low,
+                    shares[i].of, steps[1].bake->resolution, 100.0 * shares[i].high,
+                    rise_reason(&shares[i], low, high));
+        }
+    }
+}
+
 static void say_rises(FILE *to, const struct umbt_study *study)
 {
     struct step steps[STEPS_MAX];
     for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
         const uint32_t count = steps_find(study, taps, steps);
         for (uint32_t i = 1; i < count; i++) {
-            const struct umbt_study_result *low = steps[i - 1].result, *high = steps[i].result;
-            if (high->wrong > low->wrong) {
-                fprintf(to,
-                        "Not monotone: with %u x %u taps, %u voxels a side have %.2g %% of all "
-                        "samples wrong, %u have %.2g %%: %s.\n",
-                        taps, taps, steps[i - 1].bake->resolution, 100.0 * low->wrong,
-                        steps[i].bake->resolution, 100.0 * high->wrong, rise_reason(low, high));
-            }
+            say_rise(to, study, &steps[i - 1]);
         }
     }
 }
