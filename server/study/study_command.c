@@ -167,7 +167,7 @@ static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
 static void report_text(FILE *to, const void *state)
 {
     const struct umbt_study *study = state;
-    char summary[4096];
+    char summary[16384];
     umbt_study_summary(study, summary, sizeof summary);
     fprintf(to, "%s%s/report.html\n", summary, study->common.output);
 }

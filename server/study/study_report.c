@@ -16,7 +16,7 @@
 #include "umbrage/version.h"
 
 #define BLOCK_BYTES   3072 /* a multiple of 3: base64 of blocks is base64 of the whole */
-#define VERDICT_BYTES 8192
+#define VERDICT_BYTES 16384
 
 extern const unsigned char umbu_page_study_page[];
 extern const size_t umbu_page_study_page_size;

@@ -134,7 +134,7 @@ static int is_finer(const struct umbt_study *study, uint32_t i, int best)
     if (b == NULL || a->bake->resolution != b->bake->resolution) {
         return b == NULL || a->bake->resolution > b->bake->resolution;
     }
-    return umbt_study_is_closed(a->bake); /* as the plan has it */
+    return !umbt_study_is_closed(a->bake); /* defined at every point, as a map is */
 }
 
 void umbt_study_techniques_pair(struct umbt_study *study)

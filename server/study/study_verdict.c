@@ -14,6 +14,7 @@
 
 #define STEPS_MAX  12
 #define RISE_SIGMA 2.0 /* a rise within so many deviations of the sample is chance */
+#define WRONG_MIN  20  /* wrong answers that a step needs to count in a fit */
 
 static double clamp_at(double value, double least)
 {
@@ -149,13 +150,19 @@ static void say_step(FILE *to, const struct step *steps, uint32_t count)
     say_gain(to, low->result, high->result);
 }
 
-/* Returns the power of the resolution that a value grows with: a least-squares line of logarithms.
- * Steps without a wrong answer are left out. */
+/* Returns 1 if a step has enough wrong answers to tell their share. */
+static int is_told(const struct step *step)
+{
+    return wrong_of(step) * (double)step->result->judged >= WRONG_MIN;
+}
+
+/* Returns the power of the resolution that a value grows with: a least-squares line of logarithms
+ * over the steps that tell their error. */
 static double power_of(const struct step *steps, uint32_t count, step_value_fn value)
 {
     double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0;
     for (uint32_t i = 0; i < count; i++) {
-        if (wrong_of(&steps[i]) > 0.0 && value(&steps[i]) > 0.0) {
+        if (is_told(&steps[i]) && value(&steps[i]) > 0.0) {
             const double x = log2(side_of(&steps[i])), y = log2(value(&steps[i]));
             n += 1.0;
             sx += x;
@@ -172,8 +179,16 @@ static double power_of(const struct step *steps, uint32_t count, step_value_fn v
 static void say_halving(FILE *to, const struct step *steps, uint32_t count)
 {
     const double fall = -power_of(steps, count, wrong_of);
-    if (!(fall > 0.05)) {
-        return; /* the error does not fall with the resolution */
+    uint32_t first = count, last = count;
+    for (uint32_t i = 0; i < count; i++) {
+        first = is_told(&steps[i]) && first == count ? i : first;
+        last = is_told(&steps[i]) ? i : last;
+    }
+    if (first == last || !(fall > 0.05)) {
+        fprintf(to, "Half the error costs: not told, because %s.\n",
+                first == last ? "too few answers are wrong"
+                              : "the error does not fall with the resolution");
+        return;
     }
     fprintf(to,
             "Half the error costs: %.2g times the voxels a side, and with them %.2g times the "
@@ -181,8 +196,8 @@ static void say_halving(FILE *to, const struct step *steps, uint32_t count)
             "voxels; the error is the share of wrong answers at all samples).\n",
             exp2(1.0 / fall), exp2(power_of(steps, count, bytes_of) / fall),
             exp2(power_of(steps, count, time_of) / fall),
-            exp2(power_of(steps, count, bake_of) / fall), steps[0].bake->resolution,
-            steps[count - 1].bake->resolution);
+            exp2(power_of(steps, count, bake_of) / fall), steps[first].bake->resolution,
+            steps[last].bake->resolution);
 }
 
 /* ---- the fastest setting for an error ---- */
@@ -344,35 +359,54 @@ static void say_peer(FILE *to, const struct umbt_study *study, enum umbt_study_m
 
 /* ---- caveats ---- */
 
-/* Returns the likely reason for a rise of the share of wrong answers from one step to the next. */
-static const char *rise_reason(const struct umbt_study_result *low,
+/* A share of wrong answers, and the samples that it is of. */
+struct wrong_share {
+    const char *of;
+    double low, high; /* at a step and at the next */
+    double samples;
+};
+
+/* Returns the reason for a rise of a share from one step to the next, as far as it is known. */
+static const char *rise_reason(const struct wrong_share *share, const struct umbt_study_result *low,
                                const struct umbt_study_result *high)
 {
-    const double samples = clamp_at((double)high->judged, 1.0);
-    const double rise = high->wrong - low->wrong;
+    const double rise = share->high - share->low, samples = clamp_at(share->samples, 1.0);
     if (rise * samples <= (double)low->undefined - (double)high->undefined) {
         return "fewer samples are left out, because fewer windows reach into solids";
     }
-    return rise <= RISE_SIGMA * sqrt((high->wrong + low->wrong) / samples)
+    return rise <= RISE_SIGMA * sqrt((share->high + share->low) / samples)
                ? "within the chance of the sample"
                : "more than the chance of the sample";
 }
 
-/* Writes where the share of wrong answers rises with the resolution, and why. */
+/* Writes where one filter's shares of wrong answers rise from a step to the next, and why. */
+static void say_rise(FILE *to, const struct umbt_study *study, const struct step steps[2])
+{
+    const struct umbt_study_result *low = steps[0].result, *high = steps[1].result;
+    const struct wrong_share shares[2] = {
+        {"all samples", low->wrong, high->wrong, (double)high->judged},
+        {"what the cameras see", low->wrong_view, high->wrong_view,
+         (double)study->points.first[UMBT_STUDY_BORDER]},
+    };
+    for (int i = 0; i < 2; i++) {
+        if (shares[i].high > shares[i].low) {
+            fprintf(to,
+                    "Not monotone: with %u x %u taps, %u voxels a side have %.2g %% of %s wrong, "
+                    "%u have %.2g %%: %s.\n",
+                    low->taps, low->taps, steps[0].bake->resolution, 100.0 * shares[i].low,
+                    shares[i].of, steps[1].bake->resolution, 100.0 * shares[i].high,
+                    rise_reason(&shares[i], low, high));
+        }
+    }
+}
+
 static void say_rises(FILE *to, const struct umbt_study *study)
 {
     struct step steps[STEPS_MAX];
     for (uint32_t taps = 1; taps <= UMB_TAPS_MAX; taps += 2) {
         const uint32_t count = steps_find(study, taps, steps);
         for (uint32_t i = 1; i < count; i++) {
-            const struct umbt_study_result *low = steps[i - 1].result, *high = steps[i].result;
-            if (high->wrong > low->wrong) {
-                fprintf(to,
-                        "Not monotone: with %u x %u taps, %u voxels a side have %.2g %% of all "
-                        "samples wrong, %u have %.2g %%: %s.\n",
-                        taps, taps, steps[i - 1].bake->resolution, 100.0 * low->wrong,
-                        steps[i].bake->resolution, 100.0 * high->wrong, rise_reason(low, high));
-            }
+            say_rise(to, study, &steps[i - 1]);
         }
     }
 }
