@@ -4,7 +4,7 @@
 SIZE ?= quick
 BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
 BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_arguments bench_machine bench_scene \
-	bench_points bench_map16 place_floor_avx2 place_floor_avx512 lines_floor embree_peer yardstick_2014 voxel_truth bake_race)
+	bench_points bench_map16 place_floor_avx2 place_floor_avx512 lines_floor embree_peer yardstick_2014 voxel_truth bake_race lamp_race)
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
 BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)
 # A sparse volume as peer, where its headers are.

@@ -112,7 +112,7 @@ static enum umb_status work(struct umbd_task *task, size_t first, size_t count,
     enum umb_status status = umbs_entry_read(d->entry, derive, d, &result->error);
     if (status == UMB_OK && d->status != UMB_OK) {
         result->error = d->error;
-        status = d->status;
+        status = umbd_task_result(task, d->status, &result->error);
     }
     if (status == UMB_OK) {
         status = make_messages(d, &result->error);
