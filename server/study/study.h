@@ -158,7 +158,7 @@ struct umbt_study {
     struct umbt_time rays[UMBT_RAYS_WAYS]; /* Time of a ray; with AREA and AREA8, of a point */
     int64_t stopped;                       /* number of rays that hit a triangle, in all runs */
     int z_up;
-    int translucent; /* 1: casters let light through, by rays and in the assets */
+    int translucent;     /* 1: casters let light through, by rays and in the assets */
     const char *missing; /* sentence about peers that could not be measured, or "" */
     char uncounted[160]; /* reason why instructions are not counted, or empty */
     struct umbt_study_technique techniques[UMBT_STUDY_TECHNIQUES_MAX];

@@ -128,8 +128,8 @@ static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *err
 /* Loads the scene with translucent casters that let light through. */
 static enum umb_status scene_open(struct umbt_study *study, struct umb_error *error)
 {
-    UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, UMBT_SCENE_THROUGH,
-                             error));
+    UMB__TRY(
+        umbt_scene_init(&study->common.scene, study->common.scene_path, UMBT_SCENE_THROUGH, error));
     study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
                                             : study->common.scene.scene->view.z_up;
     return UMB_OK;

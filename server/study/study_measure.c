@@ -159,7 +159,8 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
                                        .reach_m = points->reach_m,
                                        .answers = judging->answers,
                                        .area = judging->area,
-                                       .sharp = probe->peer != NULL ? points->opaque : points->sharp,
+                                       .sharp =
+                                           probe->peer != NULL ? points->opaque : points->sharp,
                                        .boundary_m = points->boundary_m,
                                        .undefined = judging->undefined};
     umbt_errors_area(&judged, probe->result);

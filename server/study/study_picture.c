@@ -276,8 +276,7 @@ static struct umbt_rgb sample_shade(const struct frame *frame, size_t pixel, uin
     double left = 1.0;
     for (;;) {
         const struct umbt_rgb color = receiver_shade(frame, pixel, slot, traced, sky);
-        const double opacity =
-            slot == UMBT_SKY ? 1.0 : umbt_gbuffer_opacity(&frame->buffer, slot);
+        const double opacity = slot == UMBT_SKY ? 1.0 : umbt_gbuffer_opacity(&frame->buffer, slot);
         for (int c = 0; c < 3; c++) {
             sum.c[c] += left * opacity * color.c[c];
         }
@@ -294,8 +293,8 @@ static void pixel_shade(const struct frame *frame, size_t pixel, int traced, str
                         uint8_t out[3])
 {
     const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa, width = frame->buffer.width;
-    const double threshold = umbt_dither((uint32_t)(pixel % width),
-                                         frame->buffer.first_row + (uint32_t)(pixel / width));
+    const double threshold =
+        umbt_dither((uint32_t)(pixel % width), frame->buffer.first_row + (uint32_t)(pixel / width));
     double sum[3] = {0.0, 0.0, 0.0};
     for (uint32_t k = 0; k < per_pixel; k++) {
         const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];

@@ -111,8 +111,7 @@ static void trace_point(struct umbt_study *study, size_t i)
     umbt_widen(points->normals[i], normal);
     points->boundary_m[i] = INFINITY;
     if (!(umbt_normalize(normal) > 0.0)) {
-        points->opaque[i] =
-            (float)sees_light(study, points->positions[i], &points->sharp[i]);
+        points->opaque[i] = (float)sees_light(study, points->positions[i], &points->sharp[i]);
         return;
     }
     (void)umbt_study_towards(points, points->positions[i], towards);
@@ -158,8 +157,7 @@ static enum umb_status room_make(struct umbt_study_points *points, size_t count,
     points->sharp = calloc(count, sizeof *points->sharp);
     points->boundary_m = calloc(count, sizeof *points->boundary_m);
     if (points->positions == NULL || points->normals == NULL || points->opaque == NULL ||
-        points->sharp == NULL ||
-        points->boundary_m == NULL) {
+        points->sharp == NULL || points->boundary_m == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", count);
     }
     return UMB_OK;

@@ -123,9 +123,13 @@ static size_t light_arguments(const struct umbt_study *study, const char **argum
 static void fill_arguments(const struct umbt_study *study, const struct umbt_study_bake *bake,
                            char paths[FILES][PATH_BYTES], char *numbers, const char **arguments)
 {
-    const char *fixed[] = {"umbrage-bake", study->common.scene_path, "-o", paths[ASSET], "--verify",
-                           "0", "--quiet", "--closed", bake->rule, "--resolution", numbers,
-                           "--threads", numbers + 16};
+    const char *fixed[] = {"umbrage-bake", study->common.scene_path,
+                           "-o",           paths[ASSET],
+                           "--verify",     "0",
+                           "--quiet",      "--closed",
+                           bake->rule,     "--resolution",
+                           numbers,        "--threads",
+                           numbers + 16};
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
     (void)snprintf(numbers + 16, 16, "%u", study->common.threads);

@@ -108,7 +108,8 @@ static int has_window(const struct umbt_study_truth *truth)
 int umbt_study_truth_is_same(const struct umbt_study_truth *a, const struct umbt_study_truth *b)
 {
     const struct umb_frustum_info *f = &a->rays.frustum, *g = &b->rays.frustum;
-    if (a->rays.kind != b->rays.kind || a->rays.layers != b->rays.layers || has_window(a) != has_window(b) ||
+    if (a->rays.kind != b->rays.kind || a->rays.layers != b->rays.layers ||
+        has_window(a) != has_window(b) ||
         (a->method == UMBT_STUDY_TENT) != (b->method == UMBT_STUDY_TENT)) {
         return 0;
     }

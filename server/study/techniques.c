@@ -564,7 +564,7 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
                                                 .filter =
                                                     penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
                                                 .light_extent = penumbra ? view->light_rad : 0.0,
-        .opaque_only = 1}; /* as maps are */
+                                                .opaque_only = 1}; /* as maps are */
     struct umb_asset_info info;
     struct umb_light_info light;
     struct umb_query query;
