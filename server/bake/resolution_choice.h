@@ -9,14 +9,7 @@
  * octree is likely to fit the memory. Time and bytes are assumed to grow with each doubling as they
  * did from the first small bake to the second.
  */
-#include "bake/analysis/analysis.h"
-#include "bake/memory_plan.h"
-
-/* Costs of a bake. */
-struct umbb_costs {
-    double seconds; /* processor time of baking and packing, on this machine */
-    double packed_bytes, octree_bytes;
-};
+#include "bake/small_bake.h"
 
 struct umbb_forecast {
     double bound_m;          /* bound at one tap, metres: the largest of all frusta */
@@ -24,17 +17,10 @@ struct umbb_forecast {
     uint32_t small_log2;     /* log2 of the voxels a side of the larger small bake */
 };
 
-struct umbb_resolution_job {
-    struct umbb_analysis *analysis; /* Scene; fitted to the chosen resolution */
-    const struct umbs_scene_view *view;
-    const struct umbb_options *options; /* Options; max_error_m is above 0 */
-    struct umbb_memory_input
-        memory; /* Input of the memory plan; the choice sets log2_size, tile_log2 */
-};
-
 /*
  * Chooses the resolution.
  *
+ * In:    job: its options have max_error_m above 0. Its analysis is then fitted to the choice.
  * Out:   log2_size. forecast: without costs if the bake itself is small.
  * Fails: E_ARGUMENT (no resolution reaches the bound), E_LIMIT (no such resolution fits the
  *        memory): both messages name the best bound that can be reached; E_NO_MEMORY, E_CANCELLED,
@@ -42,7 +28,7 @@ struct umbb_resolution_job {
  * Cost:  a pass over the triangles for each resolution tried, and two bakes of 1024 and 2048
  *        voxels.
  */
-UMB_CHECKED enum umb_status umbb_resolution_choose(const struct umbb_resolution_job *job,
+UMB_CHECKED enum umb_status umbb_resolution_choose(const struct umbb_small_job *job,
                                                    uint32_t *log2_size,
                                                    struct umbb_forecast *forecast,
                                                    struct umb_error *error);

@@ -194,7 +194,9 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     UMB__TRY(umbt_shadow_source_open(&render->source, render->asset_name, &render->daemon,
                                      &render->settings, error));
     UMB__TRY(umbt_scene_init(&render->common.scene, render->common.scene_path,
-                             render->source.translucent ? UMBT_SCENE_THROUGH : 0, error));
+                             (render->source.translucent ? UMBT_SCENE_THROUGH : 0) |
+                                 (render->source.sharp ? UMBT_SCENE_SHARP : 0),
+                             error));
     UMB__TRY(umbt_common_match(&render->common, render->asset_name, render->source.info.scene_hash,
                                error));
     render->load_s = umbu_clock_s() - start;

@@ -34,6 +34,7 @@ static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_e
     UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
     umb_asset_get_info(source->asset, &source->info);
     source->translucent = umbt_plan_has(source->info.plan, "transmittance");
+    source->sharp = umbt_plan_has(source->info.plan, "blend-cut-out");
     UMB__TRY(umb_asset_get_light(source->asset, source->settings.light, &source->light));
     const uint32_t count = source->light.frustum_count;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
@@ -77,6 +78,7 @@ static enum umb_status daemon_open(struct umbt_shadow_source *source,
         memcpy(source->info.scene_hash, description->scene_hash, sizeof source->info.scene_hash);
         source->light = description->lights[source->settings.light].info;
         source->translucent = umbt_plan_has(description->plan, "transmittance");
+        source->sharp = umbt_plan_has(description->plan, "blend-cut-out");
     }
     umb_free(description);
     return status;

@@ -25,6 +25,7 @@ struct umbt_shadow_source {
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
     int translucent;                 /* 1: the asset was baked with the effect transmittance */
+    int sharp;                       /* 1: the same with the effect blend-cut-out */
 };
 
 /* 1 if the argument names a file by the rule above. */

@@ -31,7 +31,7 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_TEXT, AT(sun)},
     {"light", "NAME", "name of the directional light in the scene file to study", UMBU_TEXT,
      AT(light)},
-    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "as for umbrage bake"},
     {"points", "N", "number of samples in each of the three sets, 1000 to 10000000",
      UMBU_COUNT(1000, 10000000), AT(points), .otherwise = "quick: 12000, else 60000"},
     {"truth", "N", "rays a side of the area truth, 2 to 32: N x N rays a sample", UMBU_COUNT(2, 32),
@@ -125,8 +125,8 @@ static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
     (void)parsed;
     options_complete(study);
     UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error));
-    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
-                                            : study->common.scene.scene->view.z_up;
+    study->common.up = study->options.up == NULL ? 0 : study->options.up[0] == 'z' ? 2 : 1;
+    study->z_up = umbt_is_z_up(&study->common);
     for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
         UMB__TRY(steps[i](study, error));
     }

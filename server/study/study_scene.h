@@ -34,6 +34,7 @@ int umbt_plan_has(const char *plan, const char *effect);
 enum umbt_scene_flags {
     UMBT_SCENE_WHOLE = 1,   /* triangles with holes are whole */
     UMBT_SCENE_THROUGH = 2, /* rays pass through translucent triangles */
+    UMBT_SCENE_SHARP = 4,   /* sharp BLEND materials are cut-outs (scene_alpha.h) */
 };
 
 /* Loads a scene. flags: of enum umbt_scene_flags. Fails: the errors of umbs_scene_import,

@@ -102,7 +102,8 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
     }
     const unsigned flags =
         (umbt_plan_has(verify->info.plan, "cut-out") ? 0 : UMBT_SCENE_WHOLE) |
-        (umbt_plan_has(verify->info.plan, "transmittance") ? UMBT_SCENE_THROUGH : 0);
+        (umbt_plan_has(verify->info.plan, "transmittance") ? UMBT_SCENE_THROUGH : 0) |
+        (umbt_plan_has(verify->info.plan, "blend-cut-out") ? UMBT_SCENE_SHARP : 0);
     UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path, flags, error));
     return umbt_common_match(&verify->common, verify->file, verify->info.scene_hash, error);
 }

@@ -275,7 +275,7 @@ static void lights_are_chosen_by_option(void **state)
     umbb_analysis_finish(&a);
     wanted->count = 0;
     s.view.light_count = 0;
-    options.up = UMBB_UP_OF_FORMAT;
+    options.up = UMBB_UP_OF_SCENE;
     assert_int_equal(umbb_analysis_run(&s.view, &options, &a, &error), UMB_OK);
     assert_non_null(strstr(a.choice.notices, "azimuth 135, elevation 45"));
     assert_true(a.choice.lights[0].direction[2] < 0.0); /* z up: the sun stands above */
