@@ -22,6 +22,7 @@
 #include "bake/memory_plan.h"
 #include "bake/base/bake_progress.h"
 #include "bake/resolution_choice.h"
+#include "bake/sharp_price.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
@@ -226,6 +227,9 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
                                        .memory = memory_input(run),
                                        .packed = run->options->plan};
     UMB__TRY(umbb_closed_choose(&job, error));
+    if (run->options->plan) {
+        UMB__TRY(umbb_sharp_price_find(&job, (size_t)(run->options->memory_bytes / 2), error));
+    }
     UMB__TRY(umbb_plan_text(&run->analysis, view, run->options, &run->plan, error));
     umbb_progress_plan(run->plan);
     UMB__TRY(umbb_settings_text(&run->analysis, run->options, &run->settings, error));

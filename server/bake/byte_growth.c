@@ -175,6 +175,11 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
     return (struct umbb_rule_bytes){bytes, bytes * ratio_after(before, now, doublings)};
 }
 
+double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings)
+{
+    return with_copies(samples, doublings, bytes_without_copies(samples, doublings));
+}
+
 struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
                                           const struct umbb_growth_samples *closed,
                                           uint32_t doublings)

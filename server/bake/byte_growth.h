@@ -30,7 +30,10 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
                                          const struct umbb_growth_samples *closed,
                                          uint32_t doublings);
 
-/* Forecasts the packed bytes. In: samples with packed bytes. */
+/* Forecasts the packed bytes of one rule. In: samples with packed bytes. */
+double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings);
+
+/* Forecasts the packed bytes of both rules. In: samples with packed bytes. */
 struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
                                           const struct umbb_growth_samples *closed,
                                           uint32_t doublings);

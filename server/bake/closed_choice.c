@@ -80,16 +80,30 @@ static void choose_samples(struct samples *samples, uint32_t log2_size)
     }
 }
 
-static enum umb_status bake_samples(struct samples *samples, struct umb_error *error)
+/* Bakes the samples of one rule, without the first ones. */
+static enum umb_status bake_samples(struct samples *samples, int closed, uint32_t without,
+                                    struct umb_error *error)
 {
-    for (int closed = 0; closed < 2; closed++) {
-        for (uint32_t i = 0; i < samples->count; i++) {
-            const uint32_t log2_size = samples->last_log2 - (samples->count - 1 - i);
-            umbb_analysis_rule(samples->job->analysis, closed);
-            UMB__TRY(umbb_small_bake(samples->job, log2_size, &samples->costs[closed][i], error));
-        }
+    umbb_analysis_rule(samples->job->analysis, closed);
+    for (uint32_t i = without; i < samples->count; i++) {
+        const uint32_t log2_size = samples->last_log2 - (samples->count - 1 - i);
+        UMB__TRY(umbb_small_bake(samples->job, log2_size, &samples->costs[closed][i], error));
     }
     return UMB_OK;
+}
+
+enum umb_status umbb_packed_forecast(const struct umbb_small_job *job, double *bytes,
+                                     struct umb_error *error)
+{
+    const int closed = job->analysis->closed_rule;
+    const uint32_t log2_size = job->options->resolution_log2;
+    struct samples samples = {.job = job};
+    choose_samples(&samples, log2_size);
+    UMB__TRY(bake_samples(&samples, closed, 0, error));
+    const struct umbb_growth_samples grown = {samples.costs[closed], samples.count};
+    *bytes = samples.count == 1 ? grown.costs->packed_bytes
+                                : umbb_growth_packed_alone(&grown, log2_size - samples.last_log2);
+    return umbb_small_fit(job, log2_size, error);
 }
 
 /* Estimates the bytes of the map of first occluders, if the options ask for one. */
@@ -155,7 +169,9 @@ enum umb_status umbb_closed_choose(const struct umbb_small_job *job, struct umb_
         return UMB_OK;
     }
     choose_samples(&samples, job->options->resolution_log2);
-    UMB__TRY(bake_samples(&samples, error));
+    UMB__TRY(bake_samples(&samples, 0, 0, error));
+    /* Of the closed rule only the ratio to the open one is continued. */
+    UMB__TRY(bake_samples(&samples, 1, samples.count > 2 ? 1 : 0, error));
     UMB__TRY(find_depth_bytes(job, &depth_bytes, error));
     make_price(&samples, depth_bytes, &analysis->closed_price);
     UMB__TRY(umbb_small_fit(job, job->options->resolution_log2, error));

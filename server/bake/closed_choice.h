@@ -31,4 +31,9 @@
 UMB_CHECKED enum umb_status umbb_closed_choose(const struct umbb_small_job *job,
                                                struct umb_error *error);
 
+/* Forecasts the packed bytes of a scene's voxels under the rule of its analysis. In: job: packed is
+ * 1. Fails: the errors of umbb_small_bake. Cost: half of umbb_closed_choose's. */
+UMB_CHECKED enum umb_status umbb_packed_forecast(const struct umbb_small_job *job, double *bytes,
+                                                 struct umb_error *error);
+
 #endif

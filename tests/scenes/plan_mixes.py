@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes in which closed and open parts are mixed, written as OBJ (z up, metres): the same bytes
-always. `write_all(folder)` writes every one; MIXES names them. `make plan-scenes` bakes them."""
+"""Scenes that the plan has to judge, the same bytes always. MIXES: closed and open parts together, as
+OBJ (z up, metres), for `make plan-scenes`; write_leaves: trees whose leaves are BLEND, as GLB."""
+import json
 import math
 import os
 import random
+import struct
+import zlib
 
 COLUMN = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -330,3 +333,69 @@ def write(name, folder):
     path = os.path.join(folder, name + ".obj")
     obj.write(path)
     return path
+
+
+def png(width, height, alpha):
+    """A PNG of white texels with an alpha, as bytes."""
+    rows = b"".join(b"\0" + b"".join(bytes((255, 255, 255, alpha(x, y))) for x in range(width)) for y in range(height))
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def leaf_alpha(x, y, edge=1.0):
+    """Leaves of 32 texels that are opaque within an ellipse, soft for `edge` texels around it."""
+    u, v = (x % 32 - 15.5) / 13.0, (y % 32 - 15.5) / 7.0
+    inside = (1.0 - math.hypot(u, v)) * 7.0 / edge
+    return round(255 * min(max(inside + 0.5, 0.0), 1.0))
+
+
+def write_leaves(path, mode="BLEND", edge=1.0, trees=6, cards=80, seed=5):
+    """Trees with cards of leaves over a ground, as GLB (y up). mode: the leaves' alphaMode."""
+    rng = random.Random(seed)
+    positions, uvs, ground = [], [], [(-20, 0, -20), (-20, 0, 20), (20, 0, 20), (20, 0, -20)]
+    for _ in range(trees):
+        x, z = rng.uniform(-15, 15), rng.uniform(-15, 15)
+        for _ in range(cards):
+            centre = (x + rng.gauss(0, 1.2), 5 + rng.gauss(0, 1.2), z + rng.gauss(0, 1.2))
+            turn, lean = rng.uniform(0, 6.3), rng.uniform(-1, 1)
+            right = (math.cos(turn), 0, math.sin(turn))
+            up = (-math.sin(turn) * lean, 1, math.cos(turn) * lean)
+            positions += [tuple(centre[j] + 0.8 * (s - 0.5) * right[j] + 0.8 * (t - 0.5) * up[j] for j in range(3))
+                          for s, t in COLUMN]
+            uvs += COLUMN
+    quads = len(positions) // 4
+    corners = [(0, 1, 2), (0, 2, 3)]
+    leaves = [4 * i + c for i in range(quads) for face in corners for c in face]
+    floor = [c for face in corners for c in face]
+    blobs = [struct.pack(f"<{len(leaves)}I", *leaves), struct.pack(f"<{len(floor)}I", *floor),
+             b"".join(struct.pack("<3f", *p) for p in positions), b"".join(struct.pack("<3f", *p) for p in ground),
+             b"".join(struct.pack("<2f", *p) for p in uvs), png(128, 128, lambda x, y: leaf_alpha(x, y, edge))]
+    views, offset, data = [], 0, b""
+    for blob in blobs:
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(blob)})
+        data += blob + b"\0" * (-len(blob) % 4)
+        offset = len(data)
+
+    def accessor(view, kind, count, component=5126, **more):
+        return {"bufferView": view, "componentType": component, "type": kind, "count": count, **more}
+
+    def bounds(points):
+        return {"min": [min(p[j] for p in points) for j in range(3)], "max": [max(p[j] for p in points) for j in range(3)]}
+    gltf = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+            "buffers": [{"byteLength": len(data)}], "bufferViews": views,
+            "accessors": [accessor(0, "SCALAR", len(leaves), 5125), accessor(1, "SCALAR", len(floor), 5125),
+                          accessor(2, "VEC3", len(positions), **bounds(positions)),
+                          accessor(3, "VEC3", 4, **bounds(ground)), accessor(4, "VEC2", len(uvs))],
+            "images": [{"bufferView": 5, "mimeType": "image/png"}], "textures": [{"source": 0}],
+            "materials": [{"name": "leaf", "alphaMode": mode, "doubleSided": True,
+                           "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}, {"name": "ground"}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 2, "TEXCOORD_0": 4}, "indices": 0, "material": 0},
+                                       {"attributes": {"POSITION": 3}, "indices": 1, "material": 1}]}]}
+    text = json.dumps(gltf).encode()
+    text += b" " * (-len(text) % 4)
+    with open(path, "wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data)) +
+                   struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data)

@@ -37,6 +37,12 @@ struct umbb_closed_price {
     double open_bytes, closed_bytes; /* packed bytes under each rule; 0: not asked for */
 };
 
+/* Forecast of the bytes of voxels and maps with sharp BLEND materials as they are, and as cut-outs. */
+struct umbb_sharp_price {
+    int known; /* 0: not asked for */
+    double blend_bytes, cut_bytes;
+};
+
 struct umbb_analysis {
     /* [count + translucent_count] World corners, the opaque casters' first; NULL after a move. */
     double (*corners)[3][3];
@@ -55,6 +61,7 @@ struct umbb_analysis {
     /* 1: the closed rule applies; before closed_choice.h, that it is possible. */
     int closed_rule;
     struct umbb_closed_price closed_price;
+    struct umbb_sharp_price sharp_price;
     int z_up;
     const char *up_reason;       /* static words: what told z_up */
     struct umb_box bounds;       /* bounds of the casters */

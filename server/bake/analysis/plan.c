@@ -61,8 +61,8 @@ static void write_closed_cost(FILE *to, const struct umbb_analysis *a,
 {
     if (!a->closed_rule) {
         fputs(a->closed_price.known
-                  ? "none: penumbras, columns and derived maps stay (--closed parts takes the "
-                    "smaller file)"
+                  ? "none: penumbras, columns and derived maps stay (--closed parts switches it "
+                    "on)"
                   : "none",
               to);
         return;
@@ -340,6 +340,38 @@ static void write_transmittance(FILE *to, const struct umbb_analysis *a,
                : "none");
 }
 
+/* BLEND materials that could be cut-outs, or are. */
+static void write_blend_cut_out(FILE *to, const struct umbb_analysis *a,
+                                const struct umbs_scene_view *view,
+                                const struct umbb_options *options)
+{
+    const struct umbs_sharp_figures *figures = &a->cuts.sharp;
+    const int on = options->sharp_cut_outs;
+    if (figures->triangles == 0 || (!on && a->cuts.translucent.triangles == 0)) {
+        return;
+    }
+    char name[UMBB_ESCAPED_NAME_SIZE];
+    umbb_escape(view->materials[figures->first].name, name, sizeof name);
+    fprintf(to, "effect=blend-cut-out state=%s reason=\"", on ? "on" : "off");
+    write_materials(to, figures->materials, name);
+    fprintf(to, "%.3g %% of the texels of %zu BLEND triangles are clear or opaque\" cost=\"",
+            100.0 * figures->share, figures->triangles);
+    if (on) {
+        fputs("the other texels become clear or opaque too\"\n", to);
+        return;
+    }
+    fputs("lists of depths instead of voxels: ", to);
+    if (a->sharp_price.known) {
+        fputs("about ", to);
+        write_bytes(to, a->sharp_price.blend_bytes);
+        fputs(", and ", to);
+        write_bytes(to, a->sharp_price.cut_bytes);
+        fputs(" as cut-outs (--effect blend-cut-out=on)\"\n", to);
+    } else {
+        fputs("--effect blend-cut-out=on takes them as cut-outs\"\n", to);
+    }
+}
+
 /* Closes a memory stream; its text is freed on failure. */
 static enum umb_status close_text(FILE *stream, char **text, struct umb_error *error)
 {
@@ -372,6 +404,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     write_lights(to, analysis);
     write_cut_out(to, analysis, view, options);
     write_transmittance(to, analysis, view, options);
+    write_blend_cut_out(to, analysis, view, options);
     return close_text(to, text, error);
 }
 
@@ -486,6 +519,25 @@ static void put_lines(struct umbu_json *json, const char *key, const char *line)
     umbu_json_end(json, ']');
 }
 
+/* The prices of a printed plan, in bytes. */
+static void put_prices(struct umbu_json *json, const struct umbb_analysis *a)
+{
+    if (a->closed_price.known) {
+        umbu_json_begin(json, "closed_price", '{');
+        umbu_json_number(json, "saved", a->closed_price.saved);
+        umbu_json_number(json, "closed_bytes", rint(a->closed_price.closed_bytes));
+        umbu_json_number(json, "open_bytes", rint(a->closed_price.open_bytes));
+        umbu_json_bool(json, "exact", a->closed_price.exact);
+        umbu_json_end(json, '}');
+    }
+    if (a->sharp_price.known) {
+        umbu_json_begin(json, "blend_price", '{');
+        umbu_json_number(json, "blend_bytes", rint(a->sharp_price.blend_bytes));
+        umbu_json_number(json, "cut_out_bytes", rint(a->sharp_price.cut_bytes));
+        umbu_json_end(json, '}');
+    }
+}
+
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const char *plan, uint64_t tiles)
 {
@@ -512,6 +564,7 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     umbu_json_integer(&json, "resolution", 1U << a->frusta[0].log2_size);
     umbu_json_integer(&json, "tiles", tiles);
     umbu_json_vector(&json, "voxel_m", edges);
+    put_prices(&json, a);
     put_lines(&json, "plan", plan);
     umbu_json_close(&json);
 }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The up axis from the shape of a scene: map coordinates, a ground, the largest flat faces, a flat
- * extent, a base on zero, an open underside. Each test speaks for y, for z, or not at all. The axis
- * is known if some test speaks for it and none for the other.
+ * extent, a base on zero, an open underside. Each test speaks for y, for z, or not at all. The first
+ * two decide alone. Otherwise the axis is known if some test speaks for it and none for the other.
  */
 #include <math.h>
 
@@ -152,10 +152,11 @@ static int is_open_below(const struct shape *shape, int axis)
 static const struct {
     int (*speaks_for)(const struct shape *shape, int axis);
     enum umbs_up_evidence evidence;
+    int decides; /* 1: later tests are not asked */
 } tests[] = {
-    {has_map_coordinates, UMBS_UP_MAP}, {is_ground, UMBS_UP_GROUND},
-    {has_largest_flats, UMBS_UP_FLATS}, {is_flat, UMBS_UP_EXTENT},
-    {stands_on_zero, UMBS_UP_BASE},     {is_open_below, UMBS_UP_OPENING},
+    {has_map_coordinates, UMBS_UP_MAP, 1}, {is_ground, UMBS_UP_GROUND, 1},
+    {has_largest_flats, UMBS_UP_FLATS, 0}, {is_flat, UMBS_UP_EXTENT, 0},
+    {stands_on_zero, UMBS_UP_BASE, 0},     {is_open_below, UMBS_UP_OPENING, 0},
 };
 
 enum umbb_up umbb_up_of_shape(const struct umbs_scene_builder *scene, uint32_t *evidence)
@@ -174,6 +175,9 @@ enum umbb_up umbb_up_of_shape(const struct umbs_scene_builder *scene, uint32_t *
         }
         votes[1] += y;
         votes[2] += z;
+        if (tests[i].decides) {
+            break;
+        }
     }
     if ((votes[1] > 0) == (votes[2] > 0)) {
         return UMBB_UP_UNKNOWN;

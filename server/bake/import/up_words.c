@@ -52,8 +52,8 @@ static int is_direction(const struct word *word)
 
 static int is_filler(const struct word *word)
 {
-    static const char *const list[] = {"axis", "is", "points", "pointing", "direction", "vector",
-                                       "the",  "as", "to",     NULL};
+    static const char *const list[] = {"axis",      "is",     "points", "pointing",
+                                       "direction", "vector", NULL};
     return is_one_of(word, list);
 }
 
