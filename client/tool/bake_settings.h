@@ -43,8 +43,10 @@
         .otherwise = "y for glTF; what an OBJ, PLY or STL file tells, else z and a warning"
 #define UMBU_BAKE_CLOSED                                                                           \
     "closed", "auto|on|off|parts",                                                                 \
-        "leave the inside of closed solids undefined: of those that are closed, if that makes the " \
-        "asset smaller (auto) or in any case (parts), of everything on your word (on), never (off)", \
+        "leave the inside of closed solids undefined: of those that are closed, if that makes "    \
+        "the "                                                                                     \
+        "asset smaller (auto) or in any case (parts), of everything on your word (on), never "     \
+        "(off)",                                                                                   \
         .otherwise = "auto"
 #define UMBU_BAKE_EFFECT                                                                           \
     "effect", "NAME=on|off",                                                                       \

@@ -17,12 +17,10 @@
 #include "bake/bake_frusta.h"
 #include "bake/bake_report.h"
 #include "bake/bake_transmittance.h"
-#include "bake/closed_choice.h"
 #include "bake/base/interrupt.h"
 #include "bake/memory_plan.h"
+#include "bake/plan_choices.h"
 #include "bake/base/bake_progress.h"
-#include "bake/resolution_choice.h"
-#include "bake/sharp_price.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
@@ -170,9 +168,9 @@ static enum umb_status choose_resolution(struct run *run, struct umb_error *erro
         return UMB_OK;
     }
     const struct umbb_small_job job = {.analysis = &run->analysis,
-                                            .view = &run->scene->view,
-                                            .options = run->options,
-                                            .memory = memory_input(run)};
+                                       .view = &run->scene->view,
+                                       .options = run->options,
+                                       .memory = memory_input(run)};
     run->chosen = *run->options;
     const enum umb_status status =
         umbb_resolution_choose(&job, &run->chosen.resolution_log2, &forecast, error);

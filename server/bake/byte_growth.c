@@ -29,8 +29,8 @@
 /* Factor by which the forecast of copies may be wrong, as a logarithm. */
 #define COPIES_DOUBT 0.7
 
-/* Limit of the growth of the ratio of closed to open bytes in a doubling: closed solids save more at
- * each doubling, or as much. */
+/* Limit of the growth of the ratio of closed to open bytes in a doubling: closed solids save more
+ * at each doubling, or as much. */
 #define RATIO_RISE_MAX 1.05
 
 /* Estimated bytes of each level at three resolutions that double: the last one is c. Levels that a
@@ -167,8 +167,7 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
                                          const struct umbb_growth_samples *closed,
                                          uint32_t doublings)
 {
-    const double now =
-        umbb_level_bytes_sum(last_of(closed)) / umbb_level_bytes_sum(last_of(open));
+    const double now = umbb_level_bytes_sum(last_of(closed)) / umbb_level_bytes_sum(last_of(open));
     const double before =
         umbb_level_bytes_sum(before_of(closed)) / umbb_level_bytes_sum(before_of(open));
     const double bytes = level_bytes(open, doublings);
@@ -185,9 +184,9 @@ struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open
                                           uint32_t doublings)
 {
     const double bytes = bytes_without_copies(open, doublings);
-    const double ratio = ratio_after(before_of(closed)->once_bytes / before_of(open)->once_bytes,
-                                     last_of(closed)->once_bytes / last_of(open)->once_bytes,
-                                     doublings);
+    const double ratio =
+        ratio_after(before_of(closed)->once_bytes / before_of(open)->once_bytes,
+                    last_of(closed)->once_bytes / last_of(open)->once_bytes, doublings);
     return (struct umbb_rule_bytes){with_copies(open, doublings, bytes),
                                     with_copies(closed, doublings, bytes * ratio)};
 }

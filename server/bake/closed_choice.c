@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See closed_choice.h. */
-#include "bake/closed_choice.h"
+/* See plan_choices.h. */
+#include "bake/plan_choices.h"
 
 #include <math.h>
 
@@ -22,7 +22,7 @@
 #define EXACT_LOG2_MAX  12U /* the largest resolution that may be baked itself */
 #define SAMPLE_LOG2_MAX 12U /* the largest sample, for resolutions up to 2^15 */
 #define SAMPLE_LOG2_MIN 8U
-#define DOUBLINGS_MAX   3U /* above that, samples are larger */
+#define DOUBLINGS_MAX   3U      /* above that, samples are larger */
 #define MANY_TRIANGLES  500000U /* above that, two samples instead of three */
 #define DEPTH_LOG2      10U     /* resolution of the samples of first occluders */
 
@@ -41,8 +41,8 @@ static double work_of(const struct umbb_analysis *analysis, uint32_t log2_size)
     for (uint32_t i = 0; i < analysis->frustum_count; i++) {
         const uint32_t light = analysis->frusta[i].light;
         const int lamp = analysis->choice.lights[light].kind != UMB_LIGHT_DIRECTIONAL;
-        seconds += TRIANGLE_S * (double)analysis->count +
-                   (lamp ? LAMP_TEXEL_S : SUN_TEXEL_S) * texels;
+        seconds +=
+            TRIANGLE_S * (double)analysis->count + (lamp ? LAMP_TEXEL_S : SUN_TEXEL_S) * texels;
     }
     return seconds;
 }
@@ -138,14 +138,12 @@ static void make_price(const struct samples *samples, double depth_bytes,
 {
     const struct umbb_growth_samples open = {samples->costs[0], samples->count};
     const struct umbb_growth_samples closed = {samples->costs[1], samples->count};
-    const uint32_t doublings =
-        samples->job->options->resolution_log2 - samples->last_log2;
+    const uint32_t doublings = samples->job->options->resolution_log2 - samples->last_log2;
     struct umbb_rule_bytes nodes, packed = {0.0, 0.0};
     if (samples->count == 1) {
         nodes = (struct umbb_rule_bytes){umbb_level_bytes_sum(open.costs),
                                          umbb_level_bytes_sum(closed.costs)};
-        packed =
-            (struct umbb_rule_bytes){open.costs->packed_bytes, closed.costs->packed_bytes};
+        packed = (struct umbb_rule_bytes){open.costs->packed_bytes, closed.costs->packed_bytes};
     } else {
         nodes = umbb_growth_nodes(&open, &closed, doublings);
         if (samples->job->packed) {

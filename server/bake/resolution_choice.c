@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See resolution_choice.h. */
-#include "bake/resolution_choice.h"
+/* See plan_choices.h. */
+#include "bake/plan_choices.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See sharp_price.h. */
-#include "bake/sharp_price.h"
+/* See plan_choices.h. */
+#include "bake/plan_choices.h"
 
 #include "bake/bake_transmittance.h"
-#include "bake/closed_choice.h"
 #include "base/try.h"
 
 /* Forecasts the bytes of voxels and maps of an analysed scene. */
@@ -16,8 +15,8 @@ static enum umb_status forecast(const struct umbb_small_job *job, size_t working
     if (job->analysis->count > 0) {
         UMB__TRY(umbb_packed_forecast(job, bytes, error));
     }
-    const enum umb_status status = umbb_transmittance_bake(job->analysis, job->options,
-                                                           working_bytes, &maps, &level, error);
+    const enum umb_status status =
+        umbb_transmittance_bake(job->analysis, job->options, working_bytes, &maps, &level, error);
     *bytes += (double)maps.count;
     umb__transmittance_bytes_finish(&maps);
     return status;

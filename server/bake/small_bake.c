@@ -68,9 +68,8 @@ static enum umb_status pack(const struct umbb_small_job *job, const struct umb__
 }
 
 /* Packs an octree as a bake does, and also without copies if it has some. */
-static enum umb_status pack_both(const struct umbb_small_job *job,
-                                 const struct umb__octree *octree, struct umbb_costs *costs,
-                                 struct umb_error *error)
+static enum umb_status pack_both(const struct umbb_small_job *job, const struct umb__octree *octree,
+                                 struct umbb_costs *costs, struct umb_error *error)
 {
     struct umb__pack_figures figures = {.copies = 1.0};
     UMB__TRY(pack(job, octree, 0, &costs->packed_bytes, &figures, error));

@@ -18,8 +18,8 @@
 
 /* Greatest numbers of samples for the cut share: of one triangle, and of all triangles together.
  * Among many triangles each gets fewer. */
-#define EACH_MAX    64U
-#define SAMPLES_MAX 4000000U
+#define EACH_MAX      64U
+#define SAMPLES_MAX   4000000U
 #define SHARP_SAMPLES 16U /* the most samples of a triangle in the search for sharp materials */
 
 /* Returns the texel number for the whole double i along an axis of n texels, by the wrap mode. Far
@@ -189,8 +189,8 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
 }
 
 /*
- * Texture coordinates of sample number `place` within a triangle. One sequence runs on from triangle
- * to triangle: a fixed grid would meet a repeating texture at the same phase each time.
+ * Texture coordinates of sample number `place` within a triangle. One sequence runs on from
+ * triangle to triangle: a fixed grid would meet a repeating texture at the same phase each time.
  * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
  * the powers of 1 / g, g * g * g = g + 1.
  */
@@ -341,8 +341,8 @@ static void triangle_uv(const struct umbs_scene_view *view, const struct umbs_me
     const uint32_t *triangle = view->triangles[mesh->first_triangle + i];
     memset(uv, 0, 3 * sizeof *uv);
     for (int k = 0; k < 3 && view->uvs != NULL; k++) {
-        memcpy(uv[mirror && k > 0 ? 3 - k : k],
-               view->uvs[(size_t)mesh->first_vertex + triangle[k]], sizeof uv[0]);
+        memcpy(uv[mirror && k > 0 ? 3 - k : k], view->uvs[(size_t)mesh->first_vertex + triangle[k]],
+               sizeof uv[0]);
     }
 }
 
@@ -424,7 +424,8 @@ static void add_texels(const struct umbs_scene_view *view, const struct umbs_mes
 {
     const struct umbs_material *material = &view->materials[mesh->material];
     const struct umbs_texture *texture = &view->textures[material->texture];
-    const uint32_t samples = samples_each(view) < SHARP_SAMPLES ? samples_each(view) : SHARP_SAMPLES;
+    const uint32_t samples =
+        samples_each(view) < SHARP_SAMPLES ? samples_each(view) : SHARP_SAMPLES;
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
         float uv[3][2];
         double at[2];

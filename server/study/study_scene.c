@@ -75,8 +75,8 @@ static enum umb_status scene_load(struct umbt_scene *scene, unsigned flags, stru
     const struct umbs_scene_view *view = &scene->scene->view;
     umbs_scene_hash(view, scene->hash);
     UMB__TRY(umbs_scene_flatten(view, &scene->corners, &scene->materials, &scene->count, error));
-    UMB__TRY(((flags & UMBT_SCENE_SHARP) != 0 ? umbs_cuts_find_sharp : umbs_cuts_find)(
-        view, &scene->cuts, error));
+    UMB__TRY(((flags & UMBT_SCENE_SHARP) != 0 ? umbs_cuts_find_sharp
+                                              : umbs_cuts_find)(view, &scene->cuts, error));
     umbs_cuts_take_as_opaque(&scene->cuts, (flags & UMBT_SCENE_WHOLE) != 0,
                              (flags & UMBT_SCENE_THROUGH) == 0);
     if (scene->count == 0) {

@@ -77,8 +77,7 @@ struct umb__pack_ordering; /* opaque */
  */
 UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
                                                   const struct umb_workers *workers,
-                                                  bool never_copies,
-                                                  struct umb__pack_order *order,
+                                                  bool never_copies, struct umb__pack_order *order,
                                                   struct umb__pack_ordering **out,
                                                   struct umb_error *error);
 

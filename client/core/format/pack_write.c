@@ -314,9 +314,8 @@ static enum umb_status make_pages(struct writer *w)
 {
     w->worker_count = w->job->workers ? w->job->workers->count : 1;
     w->step = STEP_PAGES * w->worker_count;
-    enum umb_status status =
-        umb__pack_order_begin(w->job->octree, w->job->workers, w->job->never_copies, &w->order,
-                              &w->ordering, w->error);
+    enum umb_status status = umb__pack_order_begin(
+        w->job->octree, w->job->workers, w->job->never_copies, &w->order, &w->ordering, w->error);
     status = status == UMB_OK ? create_workers(w) : status;
     status = status == UMB_OK ? make_rounds(w) : status;
     umb__pack_ordering_destroy(w->ordering);

@@ -178,8 +178,8 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options, struct umb_error *error)
 {
-    UMB__TRY((options->sharp_cut_outs ? umbs_cuts_find_sharp : umbs_cuts_find)(
-        view, &analysis->cuts, error));
+    UMB__TRY((options->sharp_cut_outs ? umbs_cuts_find_sharp
+                                      : umbs_cuts_find)(view, &analysis->cuts, error));
     umbs_cuts_take_as_opaque(&analysis->cuts, options->opaque_cut_outs,
                              options->opaque_translucents); /* the figures stay, for the plan */
     return UMB_OK;

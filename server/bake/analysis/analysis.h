@@ -37,7 +37,7 @@ struct umbb_closed_price {
     double open_bytes, closed_bytes; /* packed bytes under each rule; 0: not asked for */
 };
 
-/* Forecast of the bytes of voxels and maps with sharp BLEND materials as they are, and as cut-outs. */
+/* Bytes of voxels and maps with sharp BLEND materials as they are, and as cut-outs: a forecast. */
 struct umbb_sharp_price {
     int known; /* 0: not asked for */
     double blend_bytes, cut_bytes;
@@ -56,9 +56,9 @@ struct umbb_analysis {
     size_t open_on_word;       /* open parts that --closed on treats as closed */
     size_t flipped_part_count; /* closed parts that wound inward and were turned around */
     size_t closed_triangles;
-    char open_reason[256]; /* reason why the largest open part is open; may be empty */
+    char open_reason[256];   /* reason why the largest open part is open; may be empty */
     size_t open_reason_part; /* number of the largest open part */
-    /* 1: the closed rule applies; before closed_choice.h, that it is possible. */
+    /* 1: the closed rule applies; before umbb_closed_choose, that it is possible. */
     int closed_rule;
     struct umbb_closed_price closed_price;
     struct umbb_sharp_price sharp_price;
@@ -99,8 +99,8 @@ UMB_CHECKED enum umb_status umbb_analysis_need_corners(struct umbb_analysis *ana
 UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
                                                 struct umb_error *error);
 
-/* Turns the closed rule on or off, in the analysis and its frusta. The kinds of casters stay: without
- * the rule they are not read. */
+/* Turns the closed rule on or off, in the analysis and its frusta. The kinds of casters stay:
+ * without the rule they are not read. */
 void umbb_analysis_rule(struct umbb_analysis *analysis, int closed);
 
 /* Moves the corners out of the analysis, which must have them. Closed parts that wind inwards

@@ -32,8 +32,8 @@ static void write_bytes(FILE *to, double bytes)
     fprintf(to, "%.*f %s", unit > 0 && bytes < 9.95, bytes, units[unit]);
 }
 
-/* Writes what the closed rule saves. The share is equal on every machine; bytes, which depend on the
- * compression, are known for a plan that is printed and in no asset. */
+/* Writes what the closed rule saves. The share is equal on every machine. Bytes, which depend on
+ * the compression, are known for a plan that is printed and are in no asset. */
 static void write_price(FILE *to, const struct umbb_closed_price *price)
 {
     const double percent = floor(100.0 * price->saved + 0.5);

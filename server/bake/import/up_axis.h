@@ -5,8 +5,8 @@
  * The up axis of formats that do not fix it: OBJ, PLY and STL.
  *
  * Words of the file decide first, then the scene's shape. Evidence of one kind that speaks for both
- * axes counts for neither. If nothing decides, z is taken, and umbs_scene_up_warning tells the user.
- * The rules are in docs/explained/lights.md.
+ * axes counts for neither. If nothing decides, z is taken, and umbs_scene_up_warning tells the
+ * user. The rules are in docs/explained/lights.md.
  */
 #include "bake/import/import_job.h"
 

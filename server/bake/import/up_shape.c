@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The up axis from the shape of a scene: map coordinates, a ground, the largest flat faces, a flat
- * extent, a base on zero, an open underside. Each test speaks for y, for z, or not at all. The first
- * two decide alone. Otherwise the axis is known if some test speaks for it and none for the other.
+ * extent, a base on zero, an open underside. Each test speaks for y, for z, or not at all. The
+ * first two decide alone. Otherwise the axis is known if some test speaks for it and none for the
+ * other.
  */
 #include <math.h>
 
@@ -14,11 +15,11 @@
 /* Sums over the triangles, by axis. */
 struct shape {
     double low[3], extent[3];
-    double area;                /* of all triangles */
-    double signed_area[3];      /* of the projections along the axis, by the side that is seen */
-    double projected[3];        /* of the projections, of both sides */
-    double flat[3];             /* of the faces across the axis */
-    double layers[3][LAYERS];   /* the same by their place along the axis */
+    double area;              /* of all triangles */
+    double signed_area[3];    /* of the projections along the axis, by the side that is seen */
+    double projected[3];      /* of the projections, of both sides */
+    double flat[3];           /* of the faces across the axis */
+    double layers[3][LAYERS]; /* the same by their place along the axis */
 };
 
 static const double *corner_of(const struct umbs_scene_builder *scene, size_t triangle, size_t k)
@@ -118,7 +119,8 @@ static int has_largest_flats(const struct shape *shape, int axis)
         }
     }
     const int other = other_of(axis);
-    return (shape->flat[axis] > 0.1 * shape->area && shape->flat[axis] > 3.0 * shape->flat[other]) ||
+    return (shape->flat[axis] > 0.1 * shape->area &&
+            shape->flat[axis] > 3.0 * shape->flat[other]) ||
            (largest[axis] > 0.05 * shape->area && largest[axis] > 1.5 * largest[other]);
 }
 

@@ -18,8 +18,8 @@
 
 /* A word of a comment: a run of letters and digits, in lower case. */
 struct word {
-    char text[12];    /* cut; longer words are none of those searched for */
-    int negative;     /* 1: a minus sign stands before it that ends no other word */
+    char text[12]; /* cut; longer words are none of those searched for */
+    int negative;  /* 1: a minus sign stands before it that ends no other word */
 };
 
 static int is_one_of(const struct word *word, const char *const *list)
@@ -45,8 +45,8 @@ static int is_up(const struct word *word)
 
 static int is_direction(const struct word *word)
 {
-    static const char *const list[] = {"forward", "front", "back",  "backward", "left", "right",
-                                       "north",   "south", "east",  "west",     "down", NULL};
+    static const char *const list[] = {"forward", "front", "back", "backward", "left", "right",
+                                       "north",   "south", "east", "west",     "down", NULL};
     return is_up(word) || is_one_of(word, list);
 }
 
@@ -87,7 +87,7 @@ static size_t split(struct umbb_cursor comment, struct word words[WORDS_MAX])
     return count;
 }
 
-/* The letter paired with an "up" at `at`, in direction `step` (1: behind it, -1: before it); NULL if
+/* The letter paired with the "up" at `at`: behind it if step is 1, before it if step is -1; NULL if
  * there is none. */
 static const struct word *letter_of(const struct word *words, size_t count, size_t at, int step)
 {
@@ -118,8 +118,8 @@ enum umbb_up umbb_up_of_comment(struct umbb_cursor comment)
     char text[1026];
     struct word words[WORDS_MAX];
     /* A copy with blanks before it, so that each word has two bytes before it. */
-    const size_t length = umbb_length(comment) < sizeof text - 2 ? umbb_length(comment)
-                                                                 : sizeof text - 2;
+    const size_t length =
+        umbb_length(comment) < sizeof text - 2 ? umbb_length(comment) : sizeof text - 2;
     memcpy(text, blanks, 2);
     memcpy(text + 2, comment.at, length);
     const size_t count = split((struct umbb_cursor){text + 2, text + 2 + length}, words);
@@ -148,10 +148,10 @@ static const struct {
     const char *name; /* lower case */
     enum umbb_up up;
 } programs[] = {
-    {"makehuman", UMBB_UP_IS_Y},  {"zbrush", UMBB_UP_IS_Y},      {"daz studio", UMBB_UP_IS_Y},
-    {"wings 3d", UMBB_UP_IS_Y},   {"cinema 4d", UMBB_UP_IS_Y},   {"osm2world", UMBB_UP_IS_Y},
-    {"openscad", UMBB_UP_IS_Z},   {"ifcopenshell", UMBB_UP_IS_Z}, {"cityjson", UMBB_UP_IS_Z},
-    {"citygml", UMBB_UP_IS_Z},    {"3dfier", UMBB_UP_IS_Z},      {"epsg:", UMBB_UP_IS_Z},
+    {"makehuman", UMBB_UP_IS_Y}, {"zbrush", UMBB_UP_IS_Y},       {"daz studio", UMBB_UP_IS_Y},
+    {"wings 3d", UMBB_UP_IS_Y},  {"cinema 4d", UMBB_UP_IS_Y},    {"osm2world", UMBB_UP_IS_Y},
+    {"openscad", UMBB_UP_IS_Z},  {"ifcopenshell", UMBB_UP_IS_Z}, {"cityjson", UMBB_UP_IS_Z},
+    {"citygml", UMBB_UP_IS_Z},   {"3dfier", UMBB_UP_IS_Z},       {"epsg:", UMBB_UP_IS_Z},
 };
 
 static int contains(struct umbb_cursor text, const char *name)
@@ -203,10 +203,10 @@ static void hear_lines(struct said *said, struct umbb_cursor text, enum umbs_for
         if (format == UMBS_FORMAT_PLY && umbb_is_word(word, "end_header")) {
             return;
         }
-        if (format == UMBS_FORMAT_OBJ   ? umbb_starts_with(word, "#")
-            : format == UMBS_FORMAT_PLY ? umbb_is_word(word, "comment") ||
-                                              umbb_is_word(word, "obj_info")
-                                        : umbb_is_word(word, "solid")) {
+        if (format == UMBS_FORMAT_OBJ ? umbb_starts_with(word, "#")
+            : format == UMBS_FORMAT_PLY
+                ? umbb_is_word(word, "comment") || umbb_is_word(word, "obj_info")
+                : umbb_is_word(word, "solid")) {
             hear(said, (struct umbb_cursor){word.at, line.end});
         }
     }

@@ -203,7 +203,8 @@ static void plan_states_what_the_closed_rule_saves(void **state)
          "closed saves about 2 % of the nodes: voxels take 980 kB closed, 1.0 MB open",
          "none: penumbras, columns and derived maps stay (--closed parts"},
         {0.39, 53717, 88375, 1, 0,
-         "closed saves about 39 % of the nodes: voxels take about 54 kB closed, 88 kB open, going by "
+         "closed saves about 39 % of the nodes: voxels take about 54 kB closed, 88 kB open, going "
+         "by "
          "2048 voxels a side",
          "no penumbras, columns and derived maps (--effect front=on keeps the first two"},
         {-0.08, 0, 0, 0, 0, "closed takes about 8 % more nodes; largest", "none"},

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "bake/byte_growth.h"
-#include "bake/closed_choice.h"
+#include "bake/plan_choices.h"
 
 /* Costs at three resolutions from 2^10 on: every level grows by `growth`. */
 static void make_costs(struct umbb_costs costs[3], double first, double growth, double density)
@@ -109,7 +109,8 @@ static void cube_scene_init(struct cube_scene *s, double side, double square)
     for (int i = 0; i < 8; i++) {
         for (int k = 0; k < 3; k++) {
             /* turned a little, so that no face is parallel to a voxel's */
-            s->positions[i][k] = side * ((double)(i >> k & 1) + 0.2 * (double)(i >> (k + 1) % 3 & 1));
+            s->positions[i][k] =
+                side * ((double)(i >> k & 1) + 0.2 * (double)(i >> (k + 1) % 3 & 1));
         }
     }
     for (int i = 0; i < 4; i++) {
@@ -120,8 +121,8 @@ static void cube_scene_init(struct cube_scene *s, double side, double square)
     memcpy(s->triangles, faces, sizeof faces);
     memcpy(s->triangles[12], (uint32_t[3]){8, 9, 11}, sizeof s->triangles[12]);
     memcpy(s->triangles[13], (uint32_t[3]){8, 11, 10}, sizeof s->triangles[13]);
-    s->mesh = (struct umbs_mesh){
-        .vertex_count = 12, .triangle_count = 14, .material = UMBS_NO_INDEX};
+    s->mesh =
+        (struct umbs_mesh){.vertex_count = 12, .triangle_count = 14, .material = UMBS_NO_INDEX};
     for (int k = 0; k < 3; k++) {
         s->instance.mesh_to_world[k][k] = 1.0;
     }

@@ -346,7 +346,8 @@ static size_t peak_with_helpers(const struct umb__octree *octree, unsigned count
     struct umb__pack_order order;
     struct umb__pack_ordering *ordering;
     counted.alloc = &alloc;
-    assert_int_equal(umb__pack_order_begin(&counted, &workers, false, &order, &ordering, NULL), UMB_OK);
+    assert_int_equal(umb__pack_order_begin(&counted, &workers, false, &order, &ordering, NULL),
+                     UMB_OK);
     umb__pack_ordering_destroy(ordering);
     umb__pack_order_finish(&order);
     assert_int_equal(tally.bytes, 0);

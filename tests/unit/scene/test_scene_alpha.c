@@ -243,7 +243,9 @@ static void sharp_materials_become_cut_outs_on_request(void **state)
         cut_scene_init(&s, 500 + i);
         for (int k = 0; k < CUT_SIDE * CUT_SIDE; k++) {
             const int x = k % CUT_SIDE;
-            s.alpha[k] = (uint8_t)(cases[i].soft < 0 || x < 10 ? 255 : x < 10 + cases[i].soft ? 128 : 0);
+            s.alpha[k] = (uint8_t)(cases[i].soft < 0 || x < 10 ? 255
+                                   : x < 10 + cases[i].soft    ? 128
+                                                               : 0);
         }
         s.texture.nearest = 1;
         s.materials[1].alpha_mode = UMBS_ALPHA_BLEND;
