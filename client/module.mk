@@ -96,6 +96,8 @@ core: $(CORE_LIB) ## the core library alone
 libraries: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) $(SHARED_LIBS) ## libumbrage-core, libumbrage-maps, libumbrage
 client: $(BUILD)/umbrage libraries ## the libraries and the umbrage command
 
+include client/python/module.mk
+
 abi: libraries ## compare the libraries with those of the last tag (abidiff, where it is)
 	@sh tests/abi/last_tag.sh $(BUILD)
 abi-record: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) ## write export lists and tests/abi/record.txt anew from the headers

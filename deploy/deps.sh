@@ -16,7 +16,7 @@ needed="
     libprotobuf-c-dev protobuf-c-compiler protobuf-compiler
     libinih-dev libsqlite3-dev libssl-dev zlib1g-dev libzstd-dev libxxhash-dev
     libembree-dev libjansson-dev libpng-dev
-    libcmocka-dev python3 python3-grpcio python3-protobuf
+    libcmocka-dev python3 python3-grpcio python3-protobuf python3-cffi python3-numpy
 "
 # There for x86-64 alone; without it pages are hashed one by one.
 if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then

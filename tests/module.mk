@@ -71,11 +71,11 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
 SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
-system: $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
+system: python $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
-release-needs: all $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-needs: all python $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
 release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
@@ -192,13 +192,12 @@ attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attacke
 sanitize: ## unit tests and a serving daemon under ASan with UBSan, then under TSan
 	@$(MAKE) --no-print-directory -j$(CORES) config=asan warn= sanitize-one
 	@$(MAKE) --no-print-directory -j$(CORES) config=tsan warn= sanitize-one
-sanitize-short:
-	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory sanitize
 # The core, maps and wire start no threads; a test of theirs may.
 THREADLESS := $(UNIT_BIN_core) $(UNIT_BIN_maps) $(UNIT_BIN_wire)
 THREADED := $(filter-out $(THREADLESS),$(UNIT_TESTS)) $(patsubst %.c,$(BUILD)/%,$(shell grep -l pthread_create $(THREADLESS:$(BUILD)/%=%.c)))
 SANITIZED := $(if $(filter tsan,$(config)),$(THREADED),$(UNIT_TESTS) $(FUZZ_REPLAYS))
-sanitize-one: $(SANITIZED) $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake scenegen)
+sanitize-needs: $(SANITIZED) $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake scenegen)
+sanitize-one: sanitize-needs
 	@echo "== $(config)"
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) \
 		$(if $(filter tsan,$(config)),$$(sh tests/harness/with_threads.sh $(SANITIZED)),$(SANITIZED)) \
@@ -216,8 +215,16 @@ mutants-short: ## a handful of them
 
 test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
 	@$(MAKE) --no-print-directory lint
-	@$(MAKE) --no-print-directory -j$(CORES) release-tests
-	@$(MAKE) --no-print-directory sanitize-short
+	@$(MAKE) --no-print-directory -j$(CORES) release-needs
+	@$(MAKE) --no-print-directory -j2 release-tests asan-needs
+	@$(MAKE) --no-print-directory -j2 asan-short tsan-needs
+	@$(MAKE) --no-print-directory tsan-short
+
+# Sanitizer builds beside tests: the tests leave processors idle while they wait.
+asan-needs tsan-needs: %-needs:
+	@nice $(MAKE) --no-print-directory config=$* warn= say= sanitize-needs
+asan-short tsan-short: %-short:
+	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory config=$* warn= sanitize-one
 
 layers: $(PROGRAMS) ## prove the include rules, and that no files or folders call each other in a circle
 	@/usr/bin/python3 tests/lint/layers.py
@@ -236,7 +243,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-short sanitize-one release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

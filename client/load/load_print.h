@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_LOAD_LOAD_PRINT_H
 #define UMBRAGE_LOAD_LOAD_PRINT_H
-/* Both ends of `umbrage load`: its options, and its result as text, as JSON and as a page. */
+/* Options of `umbrage load`, and output of its result as text, as JSON and as an HTML page. */
 #include <stdio.h>
 #include "cli/shared/cli_common.h"
 #include "load/load_run.h"

@@ -108,8 +108,8 @@ void umb__session_give_back(struct umb__connection *connection);
  * --- TLS (rpc_tls.c) ---
  *
  * The client's side of TLS (net/tls_session.h): the server must choose HTTP/2 (ALPN), and its
- * certificate is always verified: chain, dates and name. No option turns these checks off. A
- * context is read only once made; a session has one owner.
+ * certificate is always verified: chain, dates and name. No option turns these checks off. After
+ * it is made, a context is only read; a session has one owner.
  */
 
 /*

@@ -43,10 +43,10 @@ int umbr_light_frame_voxel(const struct umbr_light_frame *light_frame, const dou
 /* Returns W of a place: 1 for directional lights, the distance along the axis for others. */
 double umbr_light_frame_w(const struct umbr_light_frame *light_frame, const double local[3]);
 
-/* Computes the unit direction from a point to the light, and the distance that must be free for
- * rays in floats. It is infinite for directional lights; for others it is shorter than the distance
- * to the lamp by 2^-16, as a lamp may stand exactly on a surface. point: relative to the origin of
- * the light's position. */
+/* Computes the unit direction from a point to the light, and the distance along it in which a ray
+ * must meet no caster for the point to be lit. For directional lights the distance is infinite. For
+ * lamps it is (1 - 2^-16) of the way to the lamp: a lamp may stand exactly on a surface, which rays
+ * in floats meet or miss by rounding. point: relative to the origin of the light's position. */
 void umbr_towards_light(const struct umb_light_info *light, const double point[3],
                         double direction[3], double *distance_m);
 

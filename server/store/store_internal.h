@@ -25,14 +25,14 @@ struct umbs_entry {
     struct umbs_store_item item;
     struct umb_error error; /* Reason why it cannot answer; written before faulted, else constant */
     struct umbs_stamp stamp;
-    size_t folder;                   /* Index of its folder in the store */
-    uint64_t tried;                  /* Serial of the last scan that loaded it; under store->scan */
+    size_t folder;  /* Index of its folder in the store */
+    uint64_t tried; /* Last scan that loaded it, a serial; guarded by store->scan */
     atomic_uint_fast64_t checked_ms; /* Time of the last full check, umbu_clock_ms; 0 = none yet */
     int has_id;                      /* 1 if item.id was read from its head */
     atomic_int faulted;  /* 1 once its map was found cut or changed; error has the reason */
     atomic_int replaced; /* 1 if its file is being replaced: umbs_store_replacing */
-    int retry; /* 1 if the cause of the failure was not the file: each scan tries again; under
-                  store->scan */
+    int retry;           /* 1 if the load failed for a reason other than the file, so that each scan
+                  tries again; guarded by the mutex store->scan */
     struct umbs_entry *next_retired;
 };
 

@@ -203,7 +203,8 @@ static enum umb_status inputs_open(struct render *render, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Fails for a lamp with the truth of a light's disc, which is traced for parallel light only. */
+/* Fails if --truth disc is wanted for a light that is not directional or has no extent: rays over
+ * the light's disc are traced for directional lights only. */
 static enum umb_status truth_check(const struct render *render, struct umb_error *error)
 {
     const struct umbt_truth *truth = &render->truth;

@@ -48,6 +48,14 @@ else
 BENCH_PEERS := $(BUILD)/peer_raw
 endif
 
+# The C program that the Python module is raced against.
+$(BUILD)/python_peer: $(BUILD)/tests/bench/python_peer.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+bench-python: $(PROGRAMS) python $(BUILD)/scenegen $(BUILD)/python_peer ## the Python module against C: batches of 10^7 and of 64 points
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_python.py
+.PHONY: bench-python
+
 # Counted by tests/system/test_kernel_counts.sh.
 $(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -101,7 +101,7 @@ int main(int argc, char **argv)
         failed |= replay_folder(argv[i], NULL, &files);
     }
     /* Many seeds share what a few have each: the whole takes seconds. */
-    const unsigned all = getenv("UMBRAGE_SHORT") ? MUTATIONS / 4 : MUTATIONS;
+    const unsigned all = getenv("UMBRAGE_SHORT") ? MUTATIONS / 16 : MUTATIONS;
     const unsigned most = all / (files + 1), mutations = most < EACH ? most : EACH;
     for (int i = 1; i < argc && !failed; i++) {
         failed |= replay_folder(argv[i], &mutations, &files);

@@ -457,6 +457,21 @@ def need_grpc():
         return skip(f"python3-grpcio is not installed ({error})")
 
 
+def need_module():
+    """The Python module of this build; skips the test where its packages are not installed."""
+    try:
+        import cffi  # noqa: F401
+        import numpy
+    except ImportError as error:
+        return skip(f"python3-numpy or python3-cffi is not installed ({error})")
+    if os.environ.get("LD_LIBRARY_PATH", "").split(":")[0] != BUILD:  # read when a program starts, not later
+        os.environ["LD_LIBRARY_PATH"] = ":".join(filter(None, [BUILD, os.environ.get("LD_LIBRARY_PATH")]))
+        os.execv(sys.executable, [sys.executable, *sys.argv])
+    sys.path.insert(0, os.path.join(BUILD, "python"))
+    import umbrage
+    return umbrage, numpy
+
+
 ENDLESS = 10 ** 9  # points to verify: minutes on any machine
 PATIENCE = 4  # a machine may be so many times slower than a quiet one
 

@@ -15,7 +15,7 @@ import umbrage_test as ut  # noqa: E402
 
 lamps.BUILD = ut.BUILD
 test = ut.Test(limit_s=580)
-RANDOM = 48
+RANDOM = 30
 
 
 def case(triangles, light, resolution, number=0):

@@ -24,13 +24,14 @@ exhaust() { # KIND SIZE RESOLUTION RULE [BAKE OPTION]...
     fi
 }
 
-for resolution in 256 512; do
-    for rule in auto off; do
-        exhaust city 8 $resolution $rule --sun 135,45
-        exhaust terrain 64 $resolution $rule --sun 200,25
-        exhaust arch 3 $resolution $rule --sun 100,60
-    done
+for rule in auto off; do
+    exhaust city 8 256 $rule --sun 135,45
+    exhaust terrain 64 256 $rule --sun 200,25
+    exhaust arch 3 256 $rule --sun 100,60
 done
+exhaust city 8 512 off --sun 135,45
+exhaust terrain 64 512 auto --sun 200,25
+exhaust arch 3 512 auto --sun 100,60
 exhaust bridge 20 256 auto --sun 170,35
 exhaust sphere 8 256 auto --sun 10,80
 exhaust box 10 256 auto --sun 20,70

@@ -53,8 +53,9 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Queries INTERVALS intervals of points, number `turn` of each equal part of all points. Returns
- * nanoseconds a point. */
+/* Queries INTERVALS short runs of points: one from each of INTERVALS equal parts of the points, its
+ * run number `turn` (modulo the runs of a part). If a part is shorter than a run, queries all
+ * points repeatedly. Returns nanoseconds a point. */
 static double time_intervals(const struct job *job, const struct umb_points *points,
                              const struct umb_query *query, size_t turn, float *answers)
 {

@@ -27,9 +27,10 @@ struct walk {
     uint64_t updates_left;       /* Updates of columns before the walk is stopped */
 };
 
-/* Adds the pieces z0 .. z1 - 1 of one column, all of one value. The value is uniform, or z1 = z0 +
- * 1. While lists are measured, column->first is the value of the last piece, and high < low means
- * that all pieces so far are equal. */
+/* Adds pieces z0 .. z1 - 1 of one column, which all have one value. The value is lit or shadowed; a
+ * run of one piece may also have the reference of a mixed node or brick. While the first walk
+ * measures the column's list, column->first holds the value of the last piece; high < low then
+ * means that all pieces so far are equal. */
 static void take_run(const struct walk *w, struct umb__column *column, uint32_t z0, uint32_t z1,
                      uint32_t value)
 {

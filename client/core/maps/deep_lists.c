@@ -314,8 +314,9 @@ static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, in
                                    (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Returns the transmittance at a position, in units of 2^-30. An exponent fades the last step in;
- * without one the result is a whole number. */
+/* Returns the transmittance at a position, in units of 2^-30. Without an exponent it is the light
+ * left behind the last node nearer than the receiver, a whole number. With an exponent the light
+ * falls to that value exponentially with the depth behind the node. */
 static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double one = (double)UMB__DEEP_ONE;

@@ -69,9 +69,10 @@ static unsigned find_bit(uint64_t mask, uint32_t number)
 }
 
 /*
- * Draws a set bit of masks: with equal chances one of the first `depth_count`, which are faces
- * across the light, or one of the others. If one of the two kinds has no bits it draws of the other
- * kind. Returns false if no bit is set.
+ * Draws a set bit of the masks; each set bit is a face. The first `depth_count` masks hold faces
+ * that lie across the light, the others hold faces along it. Both kinds have equal chances, and
+ * within a kind all faces have. If one kind has no face, draws from the other. Returns false if no
+ * bit is set.
  */
 static bool draw_bit(const uint64_t *masks, size_t depth_count, size_t count,
                      struct umb__draws *draws, size_t *mask, unsigned *bit)

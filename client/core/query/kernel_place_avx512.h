@@ -168,10 +168,11 @@ struct umb__sixteen {
 };
 
 /*
- * Takes sixteen points apart by blends: a lane keeps its loaded value, so that lane k holds point
- * umb__mixed()[k]. Shuffles, for which processors have the fewest units, only bring the three
- * coordinates together. The voxels are put in order when the halves are joined, which takes a
- * shuffle anyway.
+ * Returns the point that each lane holds after umb__split_floats. Blends separate x, y and z there:
+ * a blend leaves each value in the lane into which it was loaded, so the points are in this mixed
+ * order. Shuffles, for which processors have the fewest units, only bring a point's y and z into
+ * the lane of its x. The order is restored when the two halves of the voxels are joined, which
+ * takes a shuffle anyway.
  */
 static inline __m512i umb__mixed(void)
 {

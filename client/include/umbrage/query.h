@@ -85,10 +85,11 @@ enum umb_filter {
      * of footprints f1 < f2 differ by at most 2 (f2 - f1) / f1. Automatic bias lifts the square
      * towards the light by half its side, so that relief smaller than a pixel casts no shadow. */
     UMB_FILTER_FOOTPRINT = 3,
-    /* Weights of a Gaussian with a standard deviation of taps / 6 texels, as whole numbers of 2048
-     * a row: texel (i, j) from the centre weighs w(|i|) w(|j|), and 2048^2 replaces taps * taps in
-     * `umb_answer_format`. Edges are smoother than a tent's. The answer is within 0.006 of that of
-     * the unbounded Gaussian, sampled at the texels. Directional lights only. */
+    /* Weights of a Gaussian with a standard deviation of taps / 6 texels. The weights w(0), w(1),
+     * ... are rounded to whole numbers whose sum over a row of the window is 2048. Texel (i, j)
+     * from the centre weighs w(|i|) w(|j|). In `umb_answer_format` read 2048^2 for taps * taps.
+     * Edges are smoother than a tent's. The answer is within 0.006 of that of the unbounded
+     * Gaussian, sampled at the texels. Directional lights only. */
     UMB_FILTER_GAUSSIAN = 4,
 };
 

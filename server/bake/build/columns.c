@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Walk over the squares from the top down; columns are joined on the way back.
+ * Builds the columns of columns.h by a walk over the quadtree of squares of texels, from the
+ * largest square down. On the way back the columns of four squares are joined into the column of
+ * their parent square.
  *
- * Squares without a mixed node are not entered: their texels are not read (and may be unset).
- * Recursion is as deep as there are levels above the leaves, at most 15.
+ * A square whose column has no mixed node is not entered: its texels are not read (and may be
+ * unset). Recursion is as deep as there are levels above the leaves, at most 15.
  */
 #include "bake/build/columns.h"
 

@@ -544,8 +544,9 @@ size_t umbb__cells_note_avx512(struct umbb_cells *cells, const struct umbb_cover
     if (triangles_note(&work, cells, sides, taken)) {
         return taken;
     }
-    /* The triangle of the next band will be noted again from its start. Parts noted twice do no
-     * harm: the least of equal numbers is the same. */
+    /* The room ended at band `noted`. Returns the index of that band's triangle, which the caller
+     * notes again from its first band. Parts that are noted twice do no harm, because a texel takes
+     * the minimum. */
     return (size_t)(work.bands[work.noted].plane - work.planes);
 }
 

@@ -49,8 +49,8 @@ typedef void umbb_prepare_fn(const double (*corners)[3][3], const uint32_t *tria
                              int32_t size, struct umbb_coverage *coverages);
 
 /*
- * Draws triangles: each covered texel of the canvas becomes the minimum of its number and the
- * fragment's lit.
+ * Draws triangles. A covered texel of the canvas takes the fragment's `lit` (the number of voxels
+ * before the fragment, coverage.h) if that is less than the texel's number.
  *
  * In: coverages: [count] prepared; none of their coordinates is larger than UMBB_COORDINATE_MAX.
  *     count: at most UMBB_DRAW_MAX.

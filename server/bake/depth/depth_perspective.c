@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The rasteriser for perspective. As in depth_raster.c, a texel's integers are the minimum of the
- * predicate over all casters, and bins only leave out casters that cover no centre of a block.
+ * The rasteriser for perspective. As in depth_raster.c, each integer of a texel is the least depth,
+ * in voxels, of one layer's fragments at the texel's centre. Bins only leave out casters that cover
+ * no centre of a block.
  */
 #include "bake/depth/depth_perspective.h"
 

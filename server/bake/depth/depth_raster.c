@@ -31,7 +31,8 @@
 
 _Static_assert(UMBB_BLOCK <= UMBB_CANVAS_MAX, "a block is a canvas");
 
-/* Squares of a block that may be proven, and the most unproven ones that are drawn one by one. */
+/* Number of squares (proven_squares.h) in a block. If at most FEW_SQUARES of them are unproven,
+ * these are drawn one by one; else the whole block is drawn at once. */
 #define BLOCK_SQUARES ((size_t)1 << (2 * (UMBB_BLOCK_LOG2 - UMBB_SQUARE_LOG2)))
 #define FEW_SQUARES   ((size_t)8)
 

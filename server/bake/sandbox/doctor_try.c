@@ -137,7 +137,8 @@ static int enter(enum umbb_cage cage, const struct umbb_ground *ground)
     }
 }
 
-/* Tries the act in this process, with its paths on the ground. Returns the act's own result. */
+/* Tries the act in this process. Relative paths of the act are below the temporary folder,
+ * ground->folder. Returns the act's own result. */
 static long perform(const struct umbb_act *act, const struct umbb_ground *ground)
 {
     char path[UMBB_GROUND_PATH], target[UMBB_GROUND_PATH];

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rights of calls. A connection remembers the last token it saw and the set with that token. So the
- * usual call compares one hash and takes no lock. After a reload the token is looked up again. The
- * remembered token may be that of another call, so each use first compares its hash with the
- * call's.
+ * Rights of calls. A connection remembers the last token that it looked up, and the token set that
+ * it searched. So the usual call compares one hash and takes no lock. After a reload the token is
+ * looked up in the new set. The remembered token may be that of another call, so each use first
+ * compares its hash with the call's.
  */
 #include "daemon/call/call.h"
 

@@ -82,9 +82,11 @@ void umbd_loop_forget(struct umbd_conn *conn);
 /* Marks a connection that must be flushed when the loop has taken its finished tasks. */
 void umbd_loop_mark(struct umbd_conn *conn);
 
-/* Returns 1 if the connection may do small work in this wake-up. _began returns the start of the
- * current work: the end of the last work in this event, so each piece of work reads the clock once.
- * _spent ends the current work and counts its time. */
+/* Returns 1 if the connection may still answer small requests on the loop's thread in this wake-up:
+ * neither the loop's time (UMBD_INLINE_NS) nor the connection's part of it (UMBD_TURN_NS) is used
+ * up. _began returns the time at which a piece of work begins: the clock as last read in this
+ * wake-up, so that each piece of work reads the clock only once, at its end. _spent ends the work
+ * and adds its time to both sums. */
 int umbd_conn_has_turn(struct umbd_conn *conn);
 uint64_t umbd_conn_began(struct umbd_conn *conn);
 void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns);

@@ -109,7 +109,7 @@ static void windows_are_counted_as_voxel_by_voxel(void **state)
     struct fixture f;
     uint64_t seed = 4;
     fixture_open(&f, 7);
-    for (int i = 0; i < 3000; i++) {
+    for (int i = 0; i < short_count(3000, 500); i++) {
         const int32_t width = 1 + (int32_t)(next_random(&seed) % 17);
         struct umb__octree_window w = {.octree = &f.octree, .root = 1};
         w.x0 = (int32_t)(next_random(&seed) % (uint64_t)(129 - width));
@@ -365,7 +365,7 @@ static void costs_rise_with_the_lines_and_keep_their_mean_whatever_the_clock_say
     size_t count;
     assert_int_equal(umb_asset_get_curve(f.asset, 1, rows, &count), UMB_OK);
     clock_seed = 5;
-    for (int round = 0; round < 50; round++) {
+    for (int round = 0; round < short_count(50, 10); round++) {
         struct umb_calibration calibration;
         ticks = clock_looks = 0;
         assert_int_equal(umb_calibrate_points(f.asset, 1, &points, dice_clock, &calibration, NULL),

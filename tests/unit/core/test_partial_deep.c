@@ -115,7 +115,7 @@ static void diamonds_are_walked_in_bounded_steps_and_miss_nothing(void **state)
     static const struct deep shapes[] = {
         {20, 2, 8, 1}, {20, 8, 5, 2}, {19, 64, 8, 3}, {20, 1000, 8, 4}, {20, 1500, 2, 5},
     };
-    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++) {
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i += (size_t)short_count(1, 2)) {
         const bool met = try_deep(&shapes[i], false);
         assert_true(met || shapes[i].mixed < 8);
         (void)try_deep(&shapes[i], true);
@@ -160,7 +160,7 @@ static void the_page_that_matters_least_is_found_whatever_comes_and_goes(void **
     const uint32_t pages = f.partial->head.page_count;
     assert_true(pages > 20);
     assert_int_equal(umb__partial_worst(f.partial), UINT32_MAX);
-    for (unsigned i = 0; i < 5000; i++) {
+    for (unsigned i = 0; i < (unsigned)short_count(5000, 1000); i++) {
         const uint32_t page = (uint32_t)(next_random(&seed) % pages);
         if (i % 500 == 0) { /* benefits change in a want only */
             partial_build(&f);

@@ -98,7 +98,7 @@ static void hits_equal_those_of_long_double_over_all_triangles(void **state)
     }
     assert_int_equal(umbr_exact_create((const triangle *)soup, COUNT, NULL, 1, &exact, NULL),
                      UMB_OK);
-    for (int n = 0; n < case_count(100000); n++) {
+    for (int n = 0; n < case_count(short_count(100000, 10000)); n++) {
         struct umbr_exact_ray ray;
         struct umbr_exact_hit hit;
         long double least = INFINITY;
@@ -136,7 +136,8 @@ static void hits_equal_those_of_long_double_over_all_triangles(void **state)
         assert_int_equal(umbr_exact_winding(exact, &ray, closed), winding);
     }
     print_message("%d rays judged, %d of them hit\n", judged, hits);
-    assert_true(judged > case_count(100000) / 2 && hits > judged / 4 && hits < judged);
+    assert_true(judged > case_count(short_count(100000, 10000)) / 2 && hits > judged / 4 &&
+                hits < judged);
     umbr_exact_destroy(exact);
 }
 
@@ -159,7 +160,7 @@ static void nothing_passes_through_a_watertight_mesh(void **state)
     assert_int_equal(
         umbr_exact_create((const triangle *)ball, mesh.triangle_count, NULL, 1, &exact, NULL),
         UMB_OK);
-    for (int n = 0; n < case_count(200000); n++) {
+    for (int n = 0; n < case_count(short_count(200000, 20000)); n++) {
         /* From the middle to corners and to places on edges. */
         const double(*v)[3] = (const double(*)[3])ball[next_random(&seed) % mesh.triangle_count];
         const double share = next_random(&seed) & 1 ? 0 : random_unit(&seed);

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Assets and answers: what is common to assets of files, of ranges and of daemons.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Callable, Optional, Sequence, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ._arrays import DOUBLE, FLOAT, as_array, c_points, writable
+from ._library import ffi
+from ._settings import Dial, count
+from .errors import NotFoundError, UnsupportedError
+from .info import AssetInfo, Light
+from .maps import Camera, Derived
+from .views import Held, Triple, View
+
+BYTE = np.dtype("uint8")
+THREADS_MAX = 1024
+NO_DIAL = Dial()
+Numbers = Union[npt.NDArray[np.float32], npt.NDArray[np.float64], Sequence[Any]]
+LightChoice = Union[int, str, Sequence[Union[int, str]]]
+
+
+@dataclass(frozen=True)
+class Stats:
+    """Counts of a query (struct umb_query_stats)."""
+
+    points: int = 0
+    outside: int = 0
+    before: int = 0
+    behind: int = 0
+    facing_away: int = 0
+    undefined: int = 0
+    nodes: int = 0
+    bricks: int = 0
+
+
+@dataclass(frozen=True)
+class Result:
+    """
+    Answers with what is known about them. Arrays have the shape of the answers.
+
+    values       share of light, 0 shadowed to 1 lit, in the format that was asked for
+    bound_m      an answer is true, or a true shadow boundary is at most this far from the point, metres; 0: no bound
+                 is stated (penumbras, footprints)
+    exact        bool: True where the answer is that of the whole asset. Always, but for assets of which only some
+                 pages are held
+    low, high    float32: bounds of the whole asset's answer; equal to values where exact
+    error_m      float32: edge in metres of the missing cubes; 0 where exact
+    stats        counts of the run
+    taps, level  what answered, also if a dial chose it
+    nanoseconds  CPU time of the server; 0 in process
+    asset_id     id of the asset that answered
+    """
+
+    values: npt.NDArray[Any]
+    bound_m: float
+    exact: npt.NDArray[np.bool_]
+    low: npt.NDArray[Any]
+    high: npt.NDArray[Any]
+    error_m: npt.NDArray[np.float32]
+    stats: Stats
+    taps: int
+    level: int
+    nanoseconds: int
+    asset_id: str
+
+
+@dataclass(frozen=True)
+class Segments:
+    """
+    Answers of n segments.
+
+    lit              float64[n]: share of each segment that is lit, 0 to 1
+    lit_m            float64[n]: length of the lit parts, metres
+    interval_counts  int64[n]: number of lit intervals
+    intervals        float64[n, most, 2]: begin and end of the first intervals, as parameters 0 to 1 along the
+                     segment; NaN behind the last
+    """
+
+    lit: npt.NDArray[np.float64]
+    lit_m: npt.NDArray[np.float64]
+    interval_counts: npt.NDArray[np.int64]
+    intervals: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """
+    First occluders of the columns of voxels in which n points lie.
+
+    lit         uint32[n]: number of voxels before the first shadowed one
+    outside     bool[n]: True if the column is beyond the frustum
+    distance_m  float64[n]: metres along the light from the point to depth `lit`; negative if the occluder lies
+                between light and point, infinite without an occluder
+    """
+
+    lit: npt.NDArray[np.uint32]
+    outside: npt.NDArray[np.bool_]
+    distance_m: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Counts of n boxes: uint64[n] of lit voxels, and of all voxels in box and frustum."""
+
+    lit: npt.NDArray[np.uint64]
+    voxels: npt.NDArray[np.uint64]
+
+
+def stats_of(c_stats: Any) -> Stats:
+    """Stats of a struct umb_query_stats."""
+    return Stats(*(getattr(c_stats, name) for name in Stats.__dataclass_fields__))
+
+
+def whole_result(values: npt.NDArray[Any], shape: tuple[int, ...], **known: Any) -> Result:
+    """A Result of a whole asset: every answer is exact."""
+    return Result(values=values, low=values, high=values, exact=np.ones(shape, bool), error_m=np.zeros(shape, FLOAT),
+                  **known)
+
+
+class Asset:
+    """
+    The shadows of one scene. `umbrage.open` makes it; use it in a `with` statement, or call `close`.
+
+    Threads: any number of threads may query an asset at once; `close` raises RuntimeError while one does.
+    """
+
+    info: AssetInfo
+
+    def __enter__(self) -> "Asset":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Frees the asset. Later calls raise ValueError. Closing twice does nothing."""
+        raise NotImplementedError
+
+    @property
+    def id(self) -> str:
+        """SHA-256 of the content, 64 hexadecimal digits."""
+        return self.info.id
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights, in the order of their numbers."""
+        return self.info.lights
+
+    def query(self, points: Numbers, normals: Optional[Numbers] = None, *, taps: int = 1, light: LightChoice = 0,
+              filter: str = "box", bias: Union[str, float] = "auto", bias_unit: str = "metres", format: str = "f32",
+              origin: Optional[Triple] = None, footprints: Optional[Numbers] = None, footprint_m: float = 0.0,
+              level: int = 0, light_extent: float = 0.0, opaque_only: bool = False, eye: Optional[Triple] = None,
+              pixel_rad: float = 0.0, max_error: float = 0.0, max_visibility: float = 0.0, budget: float = 0.0,
+              stats: bool = False, threads: int = 1, out: Optional[npt.NDArray[Any]] = None) -> Any:
+        """
+        Answers how much of a light reaches each point: 0 shadowed, 1 lit.
+
+        points      float32 or float64[..., 3], metres, world space; contiguous; not copied
+        normals     float32[..., 3], world space, any length; exact bias, and receivers that face away are shadowed
+        taps        width of the filter in texels, odd, 1 to 17
+        light       number or name of a light; a list of them or "all" puts an axis of lights first
+        filter      "box", "tent", "gaussian", "penumbra" or "footprint"
+        bias        "auto", "none", or a length in bias_unit ("metres" or "voxels")
+        format      "f32": float32; "u8": 0 to 255; "bit": uint8, bit i % 8 of byte i / 8 belongs to point i
+        origin      added to every point: keep national coordinates here and float32 offsets in `points`
+        footprints  float32[...], metres: side of each point's square, for the filter "footprint"
+        footprint_m, level, light_extent, opaque_only, eye, pixel_rad   as in umbrage/query.h
+        max_error, max_visibility, budget   choose taps and level instead: largest bound in metres, largest error of
+                    visibility, nanoseconds a point (umbrage/curve.h)
+        stats       True: returns a Result with bounds, marks and counts, not the array alone
+        threads     number of threads to share the batch, in process
+        out         array for the answers, of their shape and dtype
+
+        Returns an array in the shape of the points, or a Result; for several lights, with `stats`, a list of Results.
+        Raises TypeError or ValueError that names the argument, and umbrage.Error. Ctrl-C ends a long batch within
+        milliseconds (a daemon: the call is left to its deadline).
+        Answers are the same bits for every batch size and number of threads, in process or over a daemon.
+        """
+        given: Any = as_array(points, "points", 3)
+        if threads != 1:
+            count(threads, "threads", THREADS_MAX, 1)
+        if light.__class__ is not int:
+            numbers, is_one = self._light_numbers(light)
+            if not is_one:
+                return self._query_lights(numbers, given, dict(
+                    normals=normals, taps=taps, filter=filter, bias=bias, bias_unit=bias_unit, format=format,
+                    origin=origin, footprints=footprints, footprint_m=footprint_m, level=level,
+                    light_extent=light_extent, opaque_only=opaque_only, eye=eye, pixel_rad=pixel_rad,
+                    max_error=max_error, max_visibility=max_visibility, budget=budget, stats=stats, threads=threads),
+                    out)
+            light = numbers[0]
+        settings = (light, taps, filter, bias, bias_unit, format, footprint_m, level, light_extent, opaque_only,
+                    eye if eye is None else tuple(eye), pixel_rad)
+        dial = Dial(max_error, max_visibility, budget) if max_error or max_visibility or budget else NO_DIAL
+        batch, keep = c_points(given, origin, normals, footprints)
+        shape = given.shape[:-1]
+        if format == "f32":
+            values = np.empty(shape, FLOAT) if out is None else writable(out, "out", shape, FLOAT)
+        else:
+            length = ((given.size // 3 + 7) // 8,) if format == "bit" else shape
+            values = np.empty(length, BYTE) if out is None else writable(out, "out", length, BYTE)
+        result = self._answer(settings, dial, given, batch, values, stats, threads)
+        del keep
+        return result if stats else values
+
+    def _query_lights(self, numbers: list[int], points: Any, rest: dict[str, Any], out: Any) -> Any:
+        format, count_ = rest["format"], points.size // 3
+        shape = ((count_ + 7) // 8,) if format == "bit" else points.shape[:-1]
+        dtype: Any = FLOAT if format == "f32" else BYTE
+        values = np.empty((len(numbers), *shape), dtype) if out is None else writable(out, "out", (len(numbers), *shape),
+                                                                                     dtype)
+        results = [self.query(points, light=number, out=values[i], **rest) for i, number in enumerate(numbers)]
+        return results if rest["stats"] else values
+
+    def _light_numbers(self, light: Any) -> tuple[list[int], bool]:
+        """Numbers of the lights of an argument, and whether it names one light."""
+        if isinstance(light, str):
+            if light == "all":
+                return list(range(len(self.lights))), False
+            numbers = [number for number, known in enumerate(self.lights) if known.name == light]
+            if not numbers:
+                raise NotFoundError(f"light: no light is named {light[:80]!r}", "E_NOT_FOUND")
+            return numbers[:1], True
+        if isinstance(light, (list, tuple, np.ndarray)):
+            return [number for one in light for number in self._light_numbers(one)[0]], False
+        return [count(light, "light")], True
+
+    def _answer(self, settings: tuple[Any, ...], dial: Dial, points: Any, batch: Any, values: Any, stats: bool,
+                threads: int) -> Optional[Result]:
+        """Answers a batch into `values`; a Result if `stats`."""
+        raise NotImplementedError
+
+    def segments(self, ends: Numbers, *, light: int = 0, intervals: int = 0,
+                 origin: Optional[Triple] = None) -> Segments:
+        """
+        Finds the lit intervals of segments.
+
+        ends       float32 or float64[n, 2, 3] (or [n, 6]): both ends, metres, world space; contiguous
+        intervals  number of intervals to return of each segment
+        origin     added to every end
+
+        Exact for the stored voxels; no filter, no bias. Spot, point and directional lights.
+        Raises UnsupportedError for assets baked under the static rule.
+        """
+        array = as_array(ends, "ends", None)
+        if array.ndim < 1 or array.size % 6 != 0 or array.shape[-1] not in (3, 6):
+            raise ValueError(f"ends: shape {array.shape}, must be (n, 2, 3)")
+        number = array.size // 6
+        most = count(intervals, "intervals", 1 << 20)
+        lit = ffi.new("struct umb_segment_answer[]", max(number, 1))
+        parts = np.full((number, most, 2), np.nan)
+        self._segments(count(light, "light"), array, number, origin, lit, most, parts)
+        raw = np.frombuffer(ffi.buffer(lit), np.dtype([("lit", "f8"), ("lit_m", "f8"), ("n", "u8")]))[:number]
+        return Segments(raw["lit"].copy(), raw["lit_m"].copy(), raw["n"].astype(np.int64), parts)
+
+    def _segments(self, light: int, ends: Any, number: int, origin: Any, lit: Any, most: int, parts: Any) -> None:
+        raise NotImplementedError
+
+    def columns(self, points: Numbers, *, light: int = 0, origin: Optional[Triple] = None) -> Columns:
+        """
+        Finds the first occluder on the light's way to each point's column of voxels.
+
+        points  float32 or float64[..., 3], metres, world space; contiguous
+
+        Raises UnsupportedError for assets baked under the closed rule without the effect `front`.
+        """
+        array = as_array(points, "points", 3)
+        number = array.size // 3
+        batch, keep = c_points(array, origin, None, None)
+        found = ffi.new("struct umb_column_answer[]", max(number, 1))
+        self._columns(count(light, "light"), batch, number, found)
+        del keep
+        raw = np.frombuffer(ffi.buffer(found), np.dtype([("lit", "u4"), ("outside", "u4"), ("m", "f8")]))[:number]
+        return Columns(raw["lit"].copy(), raw["outside"] != 0, raw["m"].copy())
+
+    def _columns(self, light: int, batch: Any, number: int, found: Any) -> None:
+        raise NotImplementedError
+
+    def boxes(self, boxes: Numbers, *, light: int = 0) -> Boxes:
+        """
+        Counts the lit voxels of boxes.
+
+        boxes  float64[n, 2, 3]: lowest and highest corner, metres, world space
+
+        A voxel is in a box if its centre is. Raises UnsupportedError for spot and point lights.
+        """
+        array = as_array(boxes, "boxes", 3, (DOUBLE,))
+        if array.ndim != 3 or array.shape[1] != 2:
+            raise ValueError(f"boxes: shape {array.shape}, must be (n, 2, 3)")
+        found = ffi.new("struct umb_box_answer[]", max(len(array), 1))
+        self._boxes(count(light, "light"), array, found)
+        raw = np.frombuffer(ffi.buffer(found), np.uint64).reshape(-1, 2)[:len(array)]
+        return Boxes(raw[:, 0].copy(), raw[:, 1].copy())
+
+    def _boxes(self, light: int, boxes: Any, found: Any) -> None:
+        raise NotImplementedError
+
+    def derive(self, width: int, height: int, *, technique: str = "pcf", format: str = "f32", light: int = 0,
+               rect: Optional[Sequence[float]] = None, mips: bool = False, camera: Optional[Camera] = None,
+               cascades: int = 0, weight: float = 0.5) -> Derived:
+        """
+        Derives shadow maps for a GPU from an asset of a file alone.
+
+        width, height  texels of each map; powers of two with mips
+        technique      "pcf" (depth), "vsm", "esm", "evsm" or "msm"
+        format         "f32", "f16" or "u16"
+        rect           x0, y0, x1, y1 in voxels of the light's frustum; None: all of it
+        camera, cascades, weight   a map for each slice of the camera's view (umbrage/cascades.h)
+
+        Raises UnsupportedError for spot and point lights, for assets baked under the closed rule without the effect
+        `front`, and for assets of ranges and daemons.
+        """
+        raise UnsupportedError("derive needs an asset of a file", "E_UNSUPPORTED")
+
+    def explain(self, point: Triple, normal: Optional[Triple] = None, **settings: Any) -> dict[str, Any]:
+        """
+        How the answer of one point comes about, step by step: the fields of struct umb_explanation as a dict.
+
+        settings  keywords of `query` that set how it answers: light, taps, filter, bias ...
+
+        Raises UnsupportedError for assets of ranges and daemons.
+        """
+        raise UnsupportedError("explain needs an asset of a file", "E_UNSUPPORTED")
+
+    def fetch(self, *views: View, max_bytes: int = 0, progress: Optional[Callable[[Held], Any]] = None) -> Held:
+        """
+        Reads the missing pages that the views need; without a view those that queries missed. An asset of a file or a
+        daemon is whole: nothing is read.
+
+        max_bytes  bytes to read before it stops; 0: no limit
+        progress   called with what is held after each round; a true result stops
+        """
+        return self.held()
+
+    def held(self) -> Held:
+        """What of the asset is here."""
+        size = self.info.packed_bytes or self.info.memory_bytes
+        return Held(1, 1, size, size, self.info.memory_bytes, 0, 0, 0)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Bakes by the program umbrage-bake.
+"""
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import signal
+import subprocess
+import threading
+from dataclasses import dataclass
+from typing import Any, Callable, Optional
+
+from .errors import CancelledError, Error, FileError, SceneError
+
+# Exit codes of umbrage-bake that have an exception of their own.
+_CLASSES = {65: (SceneError, "E_BAD_SCENE"), 66: (FileError, "E_NO_INPUT"), 73: (FileError, "E_CANNOT_CREATE"),
+            74: (FileError, "E_IO"), 130: (CancelledError, "E_CANCELLED"), 143: (CancelledError, "E_CANCELLED")}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """
+    Progress of a bake.
+
+    phase        "import", "analysis", "bake", "write", "verify"
+    done, total  units of the phase; total 0: not known
+    unit         "texel", "point", ...
+    """
+
+    phase: str
+    done: int = 0
+    total: int = 0
+    unit: str = ""
+
+
+def words_of(options: dict[str, Any]) -> list[str]:
+    """Command line words: name=value is --name value, True is --name, a list repeats the option."""
+    words = []
+    for name, value in options.items():
+        option = "--" + name.rstrip("_").replace("_", "-")
+        for one in value if isinstance(value, (list, tuple)) else (value,):
+            if one is True:
+                words.append(option)
+            elif one is not False and one is not None:
+                words += [option, str(one)]
+    return words
+
+
+def _read_progress(lines: Any, progress: Callable[[Progress], Any], plan: list[str], problems: list[Any]) -> None:
+    phase = ""
+    for line in lines:
+        words = line.split()
+        try:
+            if words[:1] == ["phase"]:
+                phase = words[1]
+                progress(Progress(phase))
+            elif words[:1] == ["progress"]:
+                progress(Progress(phase, int(words[1]), int(words[2]), words[3]))
+            elif words[:1] == ["plan"]:
+                plan.append(line[5:].strip())
+        except Exception as problem:  # the callback's: ends the bake
+            problems.append(problem)
+            return
+
+
+def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any]] = None,
+         program: str = "umbrage-bake", **options: Any) -> dict[str, Any]:
+    """
+    Bakes a scene file into an asset file, and returns umbrage-bake's report as a dict.
+
+    options   umbrage-bake's: bake("city.glb", "city.umb", sun=["135,45", "200,30"], resolution=16384, closed="off")
+    progress  called with Progress on a thread of its own; an exception in it ends the bake
+    program   path of umbrage-bake
+
+    The output appears whole or not at all. Ctrl-C ends the bake and leaves nothing. Raises SceneError, FileError, and
+    Error with the sentence of umbrage-bake.
+    """
+    reader, writer = os.pipe()
+    words = [program, os.fspath(scene), "-o", os.fspath(output), "--json", "--progress-fd", str(writer),
+             *words_of(options)]
+    plan: list[str] = []
+    problems: list[Any] = []
+    try:
+        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   pass_fds=(writer,), text=True, errors="replace")
+    except OSError as problem:
+        os.close(reader)
+        raise FileError(f"{program}: {problem.strerror}", "E_NO_INPUT", problem.errno or 0) from None
+    finally:
+        os.close(writer)
+
+    def follow() -> None:
+        with os.fdopen(reader, errors="replace") as lines:
+            _read_progress(lines, progress or (lambda told: None), plan, problems)
+        if problems:
+            process.send_signal(signal.SIGTERM)
+
+    thread = threading.Thread(target=follow, daemon=True)
+    thread.start()
+    try:
+        told, said = process.communicate()
+    except BaseException:
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+        raise
+    thread.join()
+    if problems:
+        raise problems[0]
+    if process.returncode != 0:
+        lines = [line for line in said.splitlines() if line.strip()]
+        sentence = lines[-1].removeprefix("umbrage-bake: ") if lines else f"exit code {process.returncode}"
+        kind, status = _CLASSES.get(process.returncode, (Error, "E_INTERNAL"))
+        raise kind(f"{sentence} ({shlex.join(words[:2])} ...)", status)
+    report: dict[str, Any] = json.loads(told)
+    report["plan"] = plan
+    return report
