@@ -171,7 +171,7 @@ verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIO
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
 PLAN_SCENES ?= --resolution 4096,16384
-plan-scenes: $(PROGRAMS) $(BUILD)/scenegen ## is the plan right about the closed rule? 54 scenes under both rules (PLAN_SCENES="--resolution 4096"): ten minutes
+plan-scenes: $(PROGRAMS) $(BUILD)/scenegen ## is the plan right about the closed rule? all scenes under both rules (PLAN_SCENES="--resolution 4096"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/plan_scenes.py $(PLAN_SCENES)
 effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)

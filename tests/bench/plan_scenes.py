@@ -69,7 +69,7 @@ def judge(path, resolution, folder, factor):
     sizes, bakes = {}, {}
     for rule in ("off", "parts"):
         done, bakes[rule] = bake(*common, "--closed", rule, "--verify", 0, "-o", asset)
-        sizes[rule] = os.path.getsize(asset)
+        sizes[rule] = os.path.getsize(asset) - done["transmittance_bytes"]  # the price is of voxels
         os.unlink(asset)
     chosen = "parts" if plan["closed"] else "off"
     row = {"closed": plan["closed_parts"], "parts": plan["parts"], "open_bytes": sizes["off"],
@@ -109,6 +109,9 @@ def main():
     print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, path in scenes(folder, only, options.mixes_only):
+            if bake(path, "--plan", "--resolution", 64)[0]["closed_parts"] == 0:
+                print(f"| {name} | | 0 | | | | | | open | | | |", flush=True)
+                continue
             for resolution in map(int, options.resolution.split(",")):
                 row, wrong = judge(path, resolution, folder, options.factor)
                 failed += bool(wrong)
