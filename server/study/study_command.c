@@ -39,7 +39,8 @@ static const struct umbu_option OPTIONS[] = {
      AT(spot), .excludes = "sun|light|point"},
     {"light-size", "SIZE", "how large the light is, as umbrage-bake takes it: 0.53deg, 0.25m",
      UMBU_TEXT, AT(light_size), .otherwise = "the light's own"},
-    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up),
+     .otherwise = "as for umbrage bake"},
     {"points", "N", "number of samples in each of the three sets, 1000 to 10000000",
      UMBU_COUNT(1000, 10000000), AT(points), .otherwise = "quick: 12000, else 60000"},
     {"truth", "N", "rays a side of the area truth, 2 to 32: N x N rays a sample", UMBU_COUNT(2, 32),
@@ -130,8 +131,8 @@ static enum umb_status scene_open(struct umbt_study *study, struct umb_error *er
 {
     UMB__TRY(
         umbt_scene_init(&study->common.scene, study->common.scene_path, UMBT_SCENE_THROUGH, error));
-    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
-                                            : study->common.scene.scene->view.z_up;
+    study->common.up = study->options.up == NULL ? 0 : study->options.up[0] == 'z' ? 2 : 1;
+    study->z_up = umbt_is_z_up(&study->common);
     return UMB_OK;
 }
 
