@@ -183,6 +183,9 @@ study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
+PLAN_SCENES ?= --resolution 4096,16384
+plan-scenes: $(PROGRAMS) $(BUILD)/scenegen ## is the plan right about the closed rule? all scenes under both rules (PLAN_SCENES="--resolution 4096"): ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/plan_scenes.py $(PLAN_SCENES)
 effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
@@ -195,7 +198,7 @@ soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged fil
 
 attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attackers, 60 s each, beside a victim: an hour
 	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
-.PHONY: verify-scenes effects-table larger-than-memory soak attack
+.PHONY: verify-scenes plan-scenes effects-table larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under ASan and UBSan, those that have threads under TSan, the daemon
 # serving real clients under both. What the short form leaves out is in docs/explained/testing.md.

@@ -44,17 +44,22 @@
     "light-size", "SIZE",                                                                          \
         "how large the lights are, recorded in the asset: as 0.53deg (what suns have without it) " \
         "for directional ones, as 0.25m for spot and point lights"
-#define UMBU_BAKE_UP "up", "y|z", "the up axis", .otherwise = "y for glTF, z for OBJ, PLY and STL"
+#define UMBU_BAKE_UP                                                                               \
+    "up", "y|z", "the up axis",                                                                    \
+        .otherwise = "y for glTF; what an OBJ, PLY or STL file tells, else z and a warning"
 #define UMBU_BAKE_CLOSED                                                                           \
-    "closed", "auto|on|off",                                                                       \
-        "leave the inside of closed solids undefined: of those that are closed (auto), of "        \
-        "everything on your word (on), never (off)",                                               \
+    "closed", "auto|on|off|parts",                                                                 \
+        "leave the inside of closed solids undefined: of those that are closed, if that makes "    \
+        "the "                                                                                     \
+        "asset smaller (auto) or in any case (parts), of everything on your word (on), never "     \
+        "(off)",                                                                                   \
         .otherwise = "auto"
 #define UMBU_BAKE_EFFECT                                                                           \
     "effect", "NAME=on|off",                                                                       \
         "overrule the plan: closed, front (first occluders of closed solids, for columns), "       \
         "penumbra (on: front as well; off: lights without an extent), cut-out (holes by the "      \
         "alpha of textures), transmittance (glass, hair: casters that take part of the light), "   \
+        "blend-cut-out (BLEND materials that are clear or opaque nearly all over as cut-outs), "   \
         "static; mraa and voaa can only be off in this version"
 #define UMBU_BAKE_STATIC                                                                           \
     "static", NULL,                                                                                \

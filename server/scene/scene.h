@@ -24,9 +24,24 @@
 
 enum umbs_format {
     UMBS_FORMAT_GLTF = 0, /* .gltf and .glb, y up */
-    UMBS_FORMAT_OBJ = 1,  /* z up */
-    UMBS_FORMAT_PLY = 2,  /* z up */
-    UMBS_FORMAT_STL = 3,  /* z up */
+    UMBS_FORMAT_OBJ = 1,  /* these three leave the up axis open */
+    UMBS_FORMAT_PLY = 2,
+    UMBS_FORMAT_STL = 3,
+};
+
+/* What told a scene's up axis. */
+enum umbs_up_evidence {
+    UMBS_UP_NONE = 0, /* nothing: z is taken */
+    UMBS_UP_FORMAT,   /* the format: glTF */
+    UMBS_UP_COMMENT,  /* a comment that names the axis */
+    UMBS_UP_PROGRAM,  /* a comment that names a program or data of one axis */
+    UMBS_UP_MAP,      /* coordinates of a map */
+    UMBS_UP_GROUND,   /* a surface that shows one side along the axis */
+    UMBS_UP_FLATS,    /* the largest flat faces */
+    UMBS_UP_EXTENT,   /* a small extent along the axis */
+    UMBS_UP_BASE,     /* a base on zero */
+    UMBS_UP_OPENING,  /* a body with an open underside */
+    UMBS_UP_EVIDENCE_COUNT
 };
 
 enum umbs_alpha_mode {
@@ -105,6 +120,7 @@ struct umbs_texture {
 struct umbs_scene_view {
     enum umbs_format format;
     int z_up; /* 1 if +z is up in world space, else +y */
+    enum umbs_up_evidence up_evidence;
     uint32_t mesh_count, instance_count, material_count, light_count, texture_count;
     uint32_t vertex_count, triangle_count; /* stored numbers: instances not multiplied */
     const struct umbs_mesh *meshes;
@@ -181,6 +197,13 @@ UMB_CHECKED enum umb_status umbs__scene_check(struct umbs_scene *scene, const ch
                                               struct umb_error *error);
 
 void umbs_scene_destroy(struct umbs_scene *scene);
+
+/* Returns the words for what told the up axis, as the end of "y is up: ". */
+const char *umbs_scene_up_reason(const struct umbs_scene_view *view);
+
+/* Returns the sentence that a user must read if nothing in the file tells the up axis, without an
+ * end of line; NULL if something does. */
+const char *umbs_scene_up_warning(const struct umbs_scene_view *view);
 
 /*
  * Hashes the scene's content, not the file: up axis, world triangles in the order of

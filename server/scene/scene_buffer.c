@@ -125,8 +125,8 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
     if (header->z_up > 1) {
         return bad(error, "z_up", header->z_up, "limit", 1);
     }
-    if (header->reserved != 0) {
-        return bad(error, "reserved", header->reserved, "must be", 0);
+    if (header->up_evidence >= UMBS_UP_EVIDENCE_COUNT) {
+        return bad(error, "up_evidence", header->up_evidence, "limit", UMBS_UP_EVIDENCE_COUNT - 1);
     }
     uint64_t offsets[UMBS_SECTION_COUNT];
     uint64_t total;
@@ -169,6 +169,7 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     const uint64_t *offsets = header->offsets;
     view->format = (enum umbs_format)header->format;
     view->z_up = (int)header->z_up;
+    view->up_evidence = (enum umbs_up_evidence)header->up_evidence;
     view->mesh_count = (uint32_t)counts[UMBS_SECTION_MESHES];
     view->instance_count = (uint32_t)counts[UMBS_SECTION_INSTANCES];
     view->material_count = (uint32_t)counts[UMBS_SECTION_MATERIALS];

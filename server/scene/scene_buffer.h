@@ -51,7 +51,7 @@ struct umbs_scene_header {
     uint32_t format; /* enum umbs_format */
     uint32_t z_up;   /* 0 or 1 */
     uint32_t dropped_faces;
-    uint32_t reserved; /* 0 */
+    uint32_t up_evidence; /* enum umbs_up_evidence */
     uint64_t world_triangle_count;
     uint64_t counts[UMBS_SECTION_COUNT];  /* items */
     uint64_t offsets[UMBS_SECTION_COUNT]; /* bytes from the start of the buffer */

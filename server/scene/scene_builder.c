@@ -57,6 +57,7 @@ void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_forma
     memset(builder, 0, sizeof(*builder));
     builder->format = format;
     builder->z_up = z_up;
+    builder->up_evidence = format == UMBS_FORMAT_GLTF ? UMBS_UP_FORMAT : UMBS_UP_NONE;
     builder->max_triangles = max_triangles > 0 && max_triangles < UMBS_WORLD_TRIANGLES_MAX
                                  ? max_triangles
                                  : UMBS_WORLD_TRIANGLES_MAX;
@@ -285,6 +286,7 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
     struct umbs_scene_header header = {
         .format = (uint32_t)builder->format,
         .z_up = builder->z_up != 0,
+        .up_evidence = builder->up_evidence,
         .dropped_faces = builder->dropped_faces,
         .world_triangle_count = builder->world_triangles,
     };

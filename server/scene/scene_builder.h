@@ -30,6 +30,7 @@ struct umbs_array {
 struct umbs_scene_builder {
     enum umbs_format format;
     int z_up;
+    uint32_t up_evidence;   /* enum umbs_up_evidence */
     uint64_t max_triangles; /* limit, instances multiplied */
     union {
         struct {                         /* in the order of enum umbs_section */

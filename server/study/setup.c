@@ -76,7 +76,12 @@ const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT] = {
 
 int umbt_is_z_up(const struct umbt_common *common)
 {
-    return common->up > 0 ? common->up == 2 : common->scene.scene->view.z_up;
+    const struct umbs_scene_view *view = &common->scene.scene->view;
+    const char *warning = umbs_scene_up_warning(view);
+    if (common->up == 0 && warning != NULL && !common->quiet) {
+        fprintf(stderr, "umbrage: warning: %s\n", warning);
+    }
+    return common->up > 0 ? common->up == 2 : view->z_up;
 }
 
 enum umb_status umbt_common_match(const struct umbt_common *common, const char *asset,

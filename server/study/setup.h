@@ -64,7 +64,7 @@ struct umbt_setup {
         .otherwise = "80 degrees beside the sun, el=35, fov=35"
 #define UMBT_UP_ROW                                                                                \
     "up", "y|z", "the scene's up axis", UMBU_CHOICE("|y|z"), UMBT_AT(up),                          \
-        .otherwise = "by its format"
+        .otherwise = "as for umbrage bake"
 #define UMBT_SIZE_ROW(side_max, pixels)                                                            \
     "size", "WxH", "width and height of the view in pixels", UMBU_SIDES(side_max),                 \
         .high = 67108864, UMBT_AT(size), .standard = (pixels)
@@ -92,7 +92,8 @@ extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
         "the view", UMBT_SETUP_OPTIONS, UMBT_SETUP_COUNT, 0                                        \
     }
 
-/* Returns 1 if z is the up axis of the command's scene: by --up, else by the file. */
+/* Returns 1 if z is the up axis of the command's scene: by --up, else by the file. Warns if neither
+ * tells it; call it once. */
 int umbt_is_z_up(const struct umbt_common *common);
 
 /* Checks that an asset was baked from the command's scene, by equal content hashes, unless --force

@@ -107,7 +107,9 @@ static enum umb_status casters_find(struct umbt_scene *scene, unsigned flags,
                                     struct umb_error *error)
 {
     struct umbs_cuts *cuts = &scene->casts.cuts;
-    UMB__TRY(umbs_cuts_find(&scene->scene->view, cuts, error));
+    const struct umbs_scene_view *view = &scene->scene->view;
+    UMB__TRY((flags & UMBT_SCENE_SHARP) != 0 ? umbs_cuts_find_sharp(view, cuts, error)
+                                             : umbs_cuts_find(view, cuts, error));
     umbs_cuts_take_as_opaque(cuts, (flags & UMBT_SCENE_WHOLE) != 0,
                              (flags & UMBT_SCENE_THROUGH) == 0);
     UMB__TRY(
@@ -122,7 +124,8 @@ static enum umb_status tracers_make(struct umbt_scene *scene, unsigned flags,
 {
     const struct umbs_cuts *cuts = &scene->casts.cuts;
     const int differs = ((flags & UMBT_SCENE_WHOLE) != 0 && cuts->figures.materials > 0) ||
-                        ((flags & UMBT_SCENE_THROUGH) == 0 && cuts->translucent.triangles > 0);
+                        ((flags & UMBT_SCENE_THROUGH) == 0 && cuts->translucent.triangles > 0) ||
+                        ((flags & UMBT_SCENE_SHARP) != 0 && cuts->sharp.materials > 0);
     UMB__TRY(tracer_build(scene, &scene->casts, error));
     scene->rays = scene->casts.rays;
     scene->seen = &scene->casts;
@@ -160,7 +163,8 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, unsi
 unsigned umbt_scene_flags_of(const char *plan)
 {
     return (umbt_plan_has(plan, "cut-out") ? 0U : (unsigned)UMBT_SCENE_WHOLE) |
-           (umbt_plan_has(plan, "transmittance") ? (unsigned)UMBT_SCENE_THROUGH : 0U);
+           (umbt_plan_has(plan, "transmittance") ? (unsigned)UMBT_SCENE_THROUGH : 0U) |
+           (umbt_plan_has(plan, "blend-cut-out") ? (unsigned)UMBT_SCENE_SHARP : 0U);
 }
 
 int umbt_plan_has(const char *plan, const char *effect)

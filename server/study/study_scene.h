@@ -70,6 +70,7 @@ enum umbt_scene_flags {
     UMBT_SCENE_THROUGH = 2, /* translucent triangles let light through; else they are opaque */
     UMBT_SCENE_SEEN = 4,    /* cameras see holes and translucent triangles whatever casts */
     UMBT_SCENE_LOOK = 8,    /* reads colours and normals, too */
+    UMBT_SCENE_SHARP = 16,  /* sharp BLEND materials are cut-outs (scene_alpha.h) */
 };
 
 /* Returns the flags that take casters as an asset of this plan does. */

@@ -100,10 +100,8 @@ static double row_of(const struct umb_frustum_info *frustum, int row, const doub
     return umb__dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
 }
 
-/* Makes the frustum of a point, with the size of voxels there. A lamp's voxels grow with the
- * distance along the axis, and lie along the ray. */
-static void frustum_at(const struct umbt_truth *truth, const double point[3],
-                       struct umb_frustum_info *at)
+void umbt_truth_frustum_at(const struct umbt_truth *truth, const double point[3],
+                           struct umb_frustum_info *at)
 {
     const struct umb_frustum_info *face = &truth->frustum;
     double w = 1.0, ray[3];
@@ -182,9 +180,9 @@ static double follow_plane(const struct umbt_truth *truth, const double normal[3
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {
-    frustum_at(truth, point, &window->frustum);
+    umbt_truth_frustum_at(truth, point, &window->frustum);
     umbt_truth_move(truth, &window->frustum, point, normal, window->moved);
-    frustum_at(truth, window->moved, &window->frustum);
+    umbt_truth_frustum_at(truth, window->moved, &window->frustum);
     const double w = row_of(&window->frustum, 3, truth->origin, window->moved);
     for (int k = 0; k < 2; k++) {
         const double at = row_of(&window->frustum, k, truth->origin, window->moved) / w;

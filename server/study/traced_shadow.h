@@ -63,6 +63,11 @@ struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3]);
 
+/* Makes the frustum of a point, with the size of voxels there. A lamp's voxels grow with the
+ * distance along the axis, and lie along the ray. */
+void umbt_truth_frustum_at(const struct umbt_truth *truth, const double point[3],
+                           struct umb_frustum_info *at);
+
 /*
  * Returns the distance in metres along its unit normal that a point needs, as umbrage/query.h
  * documents for points with normals. Pure.

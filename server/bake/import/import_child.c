@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
+#include "bake/import/up_axis.h"
 #include "bake/sandbox/sandbox.h"
 #include "base/try.h"
 #include "scene/scene_broker.h"
@@ -107,6 +108,9 @@ static enum umb_status convert(struct umbb_import *job, const char *name, uint64
     int output = UMBS_CHILD_FD_OUTPUT;
     const struct umb_sink sink = {write_output, &output};
     UMB__TRY(read_scene(job, name, max_triangles, error));
+    if (job->scene.format != UMBS_FORMAT_GLTF) {
+        umbb_up_decide(job);
+    }
     if (job->scene.dropped_faces > 0) {
         umbs_scene_warn(&job->scene,
                         "%u faces dropped (not finite, bad index or fewer than 3 corners)",

@@ -128,10 +128,10 @@ static const struct umbu_option ASSET[] = {
                "0.53deg (directional ones, at most 90deg)"),
      LIGHTS},
     {UMBU_BAKE_UP, UMBU_CHOICE("|y|z"), AT(up)},
-    {UMBU_BAKE_CLOSED, UMBU_CHOICE("auto|on|off"), AT(closed)},
+    {UMBU_BAKE_CLOSED, UMBU_CHOICE("auto|on|off|parts"), AT(closed)},
     {UMBU_BAKE_EFFECT,
      UMBU_READ(umbb_effect_set, "NAME=on or NAME=off, NAME one of closed, front, static, penumbra, "
-                                "cut-out, transmittance; off also for mraa, voaa")},
+                                "cut-out, blend-cut-out, transmittance; off also for mraa, voaa")},
     {UMBU_BAKE_STATIC, UMBU_FLAG, AT(static_rule)},
     {UMBU_BAKE_DEPTH, UMBU_CHOICE("auto|embree|raster|plain"), AT(depth)},
     {UMBU_BAKE_VERIFY, UMBU_COUNT(0, UMBB_VERIFY_POINTS_MAX), AT(verify_points),

@@ -50,7 +50,7 @@ static void defaults_are_those_of_the_manual(void **state)
     assert_int_equal(o.verify_points, 1000000);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     assert_int_equal(o.depth, UMBB_DEPTH_AUTO);
-    assert_int_equal(o.up, UMBB_UP_OF_FORMAT);
+    assert_int_equal(o.up, UMBB_UP_OF_SCENE);
     assert_true(o.threads >= 1 && o.threads <= UMBB_THREADS_MAX);
     assert_false(o.lights.count > 0 || o.plan || o.json || o.quiet);
     assert_false(o.lights.has_size_m || o.lights.has_size_deg);
