@@ -213,23 +213,27 @@ void far_mraa(const struct far_assets *assets, uint32_t taps, const struct far_p
 }
 
 /* Moves point i off its surface by the automatic bias of a window and of voxels `scale` times as
- * wide. Returns false if it faces away. */
+ * wide, whose lift counts from the point's own depth. Returns false if it faces away. */
 static bool move_by(const struct umb__query *q, const struct umb_points *points, size_t i,
                     double taps, double scale, double v[3])
 {
-    double n[3], p[3], sum = 0;
+    double n[3], p[3], along[3];
     const double length2 = umb__normal(points, i, n);
     umb__position(q, points, i, p);
     if (!umb__is_normal(length2) || umb__dot(n, q->direction) >= 0) {
         return false;
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        sum += (axis < 2 ? taps : 1) * scale * fabs(umb__dot(n, q->voxel_step[axis]));
+        along[axis] = scale * fabs(umb__dot(n, q->voxel_step[axis]));
     }
+    const double need = 0.5 * UMB__BIAS_SLACK * (taps * (along[0] + along[1]) + along[2]);
+    const double most = UMB__LIFT_TEXELS(taps) * q->lift_texel;
+    const double lift = most * along[2] < need ? most : need / along[2];
     for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] += n[axis] * 0.5 * UMB__BIAS_SLACK * sum / length2;
+        p[axis] += n[axis] * (need - lift * along[2]) / length2;
     }
     umb__to_voxel(q, p, v);
+    v[2] -= scale * lift;
     return true;
 }
 

@@ -13,10 +13,9 @@
  * so that answers are continuous: for footprints f1 < f2 they differ by at most 2 (f2 - f1) / f1.
  *
  * Why a plane: a wider window, coarser voxels (MRAA) and occupancies of nodes (VOAA), as in Sintorn
- * et al. 2014, section 5, all lie at one depth. They need a bias as long as their width, and most
- * of their error comes from that bias (figures: docs/results/techniques.md). The lift replaces that
- * bias. It goes along the light, so no edge is displaced, and clears the surface's relief within a
- * pixel.
+ * et al. 2014, section 5, all lie at one depth. On slopes they need a lift as long as their width,
+ * and find the slope itself (figures: docs/results/techniques.md). A square of the surface follows
+ * the slope. Its lift, along the light, only clears the surface's relief within a pixel.
  */
 #include "query/kernels.h"
 #include "query/slice_count.h"
