@@ -64,8 +64,8 @@ static float *moved_make(const struct umbt_study *study, const struct umbt_peers
 {
     const struct umb_frustum_info *frustum = umbt_study_frustum(bake);
     const double(*step)[3] = frustum->voxel_step;
-    struct umbt_truth truth = umbt_truth_of(&study->common.scene, study->points.to_light,
-                                            bake->info.origin, frustum);
+    struct umbt_truth truth =
+        umbt_truth_of(&study->common.scene, study->points.to_light, bake->info.origin, frustum);
     truth.settings.taps = taps;
     /* Reach without a normal: that of (1,1,1) / sqrt(3) in voxels. */
     const double no_normal =
