@@ -137,6 +137,16 @@ with test.check("taken as cut-outs, they are baked as a MASK material with the s
     found = ut.run("umbrage", "verify", as_cut, "--scene", leaves).stdout.decode()
     assert "outside the band: 0 " in found, found
 
+with test.check("pictures cast them as cut-outs, and show them as the file has them"):
+    def drawn(scene, asset):
+        picture = os.path.join(test.folder, "leaves.png")
+        return json.loads(ut.run("umbrage", "render", scene, "--asset", asset, "-o", picture, "--size", "320x240",
+                                 "--compare", "--taps", "1", "--json").stdout)
+    cut, masked = drawn(leaves, as_cut), drawn(mask, same)
+    assert cut["translucent"] > 0 and masked["translucent"] == 0, (cut, masked)
+    # Equal casters: the receivers differ by the soft edges of leaves alone, less than 1 % of them.
+    assert abs(cut["mean_difference"] / masked["mean_difference"] - 1) < 0.05, (cut, masked)
+
 with test.check("leaves with soft edges are not offered"):
     plan, _ = plan_of(soft)
     assert not line_of(plan, "blend-cut-out"), plan["plan"]

@@ -146,7 +146,8 @@ for words, there in (("closed asset", True), ("open asset", True), ("NanoVDB", "
                      ("tent", True), ("coarse level", True)):
     assert (words in legend) == there, (words, legend)
 labels = [n["text"] for n in below(ids["charts"]["children"][0]) if n["attributes"].get("class") == "label"]
-assert {"512", "1024"} <= set(labels) and len(labels) > 4, labels
+# A label is left out where it would cover a mark, which depends on measured times.
+assert {"512", "1024"} & set(labels) and len(labels) > 4, labels
 PY
     check "they draw every chart and list every setting" /usr/bin/python3 drawn.py
 else
