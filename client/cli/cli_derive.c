@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include "cli_paging_view.h"
 #include "tool/json.h"
@@ -27,6 +28,7 @@ struct options {
 
 #define CAMERA_FORM "eye=X,Y,Z,target=X,Y,Z,far=M[,fov=DEG]"
 #define AT(field)   UMBU_AT(struct options, field)
+#define KEYS_OFFSET 56 /* of the keys' offset and length in a KTX 2.0 file */
 #define ANY         UMBU_NUMBER(-HUGE_VAL, HUGE_VAL)
 
 /* W or WxH. */
@@ -89,6 +91,17 @@ static const struct umbu_option OPTIONS[] = {
      AT(settings.cascades.weight), .standard = "0.7", .needs = "camera"},
     {"fit", NULL, "space that the frustum of a cascade encloses", UMBU_CHOICE("slice|scene|lispsm"),
      AT(settings.cascades.fit), .standard = "slice", .needs = "camera"},
+    {"blend", "B",
+     "share of a cascade's far end that fades into the next, 0 to 0.5; the file states it", ANY,
+     AT(settings.cascades.blend), .standard = "0", .needs = "camera"},
+    {"contrast", "C",
+     "contrast C of vsm and evsm, 1e-6 to 1e6, for sampling; with --match-contrast of the first "
+     "map",
+     UMBU_NUMBER(1e-6, 1e6), AT(settings.contrast), .otherwise = "1",
+     .needs = "technique=vsm|evsm"},
+    {"match-contrast", NULL,
+     "finds the contrast of each later cascade that hides the seam before it", UMBU_FLAG,
+     AT(settings.match_contrast), .needs = "cascades technique=vsm|evsm"},
     {"output", "FILE", "KTX 2.0 file; - is stdout", UMBU_TEXT, AT(output),
      .otherwise = "the asset's name with .ktx2", .letter = 'o'},
     {"json", NULL, "print one JSON object", UMBU_FLAG, AT(json), .excludes = "output=-"},
@@ -209,6 +222,37 @@ static enum umb_status derive_there(const struct options *options,
     return status;
 }
 
+/* Returns the number at an offset of a KTX file; 0 beyond its end. */
+static size_t file_number(const struct made *made, size_t at)
+{
+    size_t value = 0;
+    for (size_t i = 4; i-- > 0 && at + 4 <= made->size;) {
+        value = value << 8 | made->bytes[at + i];
+    }
+    return value;
+}
+
+/* Writes the contrasts that the file's keys state, in the order of its maps. */
+static void tell_contrasts(struct umbu_json *json, const struct made *made, unsigned maps)
+{
+    static const char key[] = ",\"contrast\":";
+    const size_t length = sizeof key - 1;
+    size_t at = file_number(made, KEYS_OFFSET), end = at + file_number(made, KEYS_OFFSET + 4);
+    end = end < made->size ? end : made->size; /* A daemon's file may state anything */
+    umbu_json_begin(json, "contrast", '[');
+    for (; at + length < end && maps > 0; at++) {
+        char number[32] = {0};
+        if (memcmp(made->bytes + at, key, length) == 0) {
+            const size_t rest = end - at - length;
+            memcpy(number, made->bytes + at + length,
+                   rest < sizeof number - 1 ? rest : sizeof number - 1);
+            umbu_json_number(json, NULL, strtod(number, NULL));
+            maps--;
+        }
+    }
+    umbu_json_end(json, ']');
+}
+
 static void tell(const struct options *options, const struct made *made, double seconds)
 {
     const struct umb_derive_settings *settings = &options->settings;
@@ -220,6 +264,9 @@ static void tell(const struct options *options, const struct made *made, double 
         UMBU_JSON_COUNTS(&json, {"light", settings->light}, {"maps", maps},
                          {"width", settings->width}, {"height", settings->height},
                          {"bytes", made->size});
+        if (settings->contrast > 0 || settings->match_contrast) {
+            tell_contrasts(&json, made, maps);
+        }
         umbu_json_number(&json, "seconds", seconds);
         umbu_json_close(&json);
     } else if (!options->quiet) {

@@ -38,6 +38,10 @@ static const struct command COMMANDS[] = {
      "points"},
     {"aliasing", NULL, "compare texels of shadow maps with pixels (starts umbrage-study)",
      "umbrage-study", "aliasing"},
+    {"techniques", NULL, "compare shadow maps with rays (starts umbrage-study)", "umbrage-study",
+     "techniques"},
+    {"deep", NULL, "compare deep shadow maps with rays (starts umbrage-study)", "umbrage-study",
+     "deep"},
     {"help", run_help, "this text, or the help of a command", NULL, NULL},
     {"version", run_version, "print the version (--json: as an object)", NULL, NULL},
 };

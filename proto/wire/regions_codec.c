@@ -80,6 +80,7 @@ static const struct umbw_row VIEW_ROWS[] = {
     {9, DERIVE(settings.cascades.count)},
     {10, DERIVE(settings.cascades.weight)},
     {11, DERIVE(settings.cascades.fit), .flags = UMBW_CHECKED},
+    {12, DERIVE(settings.cascades.blend)},
 };
 UMBW_TABLE(VIEW, umbrage__v1__cascade_view, VIEW_ROWS, "view.", sizeof(struct umbw_derive_request));
 
@@ -100,6 +101,8 @@ static const struct umbw_row DERIVE_ROWS[] = {
     {12, DERIVE(settings.map.negative_exponent)},
     {13, DERIVE(settings.map.depth_plane)},
     {14, DERIVE(settings.map.moment_bias)},
+    {15, DERIVE(settings.contrast)},
+    {16, DERIVE(settings.match_contrast)},
 };
 UMBW_TABLE(DERIVE_TABLE, umbrage__v1__derive_map_request, DERIVE_ROWS, "",
            sizeof(struct umbw_derive_request));

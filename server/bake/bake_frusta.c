@@ -19,6 +19,7 @@ struct series {
     const struct umbb_options *options;
     const struct umbb_memory_plan *memory;
     struct umb__pool pool;
+    struct umbb_tile tiles[2]; /* memory that all frusta use, one after the other */
     struct umb__occluder_depth *occluder_depths; /* [frustum_count]; NULL: not wanted */
     struct umbb_progress progress;
     uint64_t texels_total;
@@ -48,11 +49,8 @@ static enum umb_status open_depth(const struct series *series, const struct umbb
                      : UMBB_PROVE_AUTO,
         .max_bytes = series->memory->shared_max_bytes,
         .plain = series->options->depth == UMBB_DEPTH_PLAIN};
-    if (series->options->depth == UMBB_DEPTH_EMBREE) {
-        return umbb_depth_embree_create(casters, &options, depth, error);
-    }
-    return casters->depth_scale > 0.0
-               ? umbb_depth_perspective_create(casters, &options, depth, error)
+    return series->options->depth == UMBB_DEPTH_EMBREE
+               ? umbb_depth_embree_create(casters, &options, depth, error)
                : umbb_depth_raster_create(casters, &options, depth, error);
 }
 
@@ -114,6 +112,7 @@ static enum umb_status bake_depth(struct series *series, const struct umbb_depth
         .cached_tiles = tile_folder != NULL ? &cached_tiles : NULL,
         .occluder_depth = occluder_depth,
         .rule = rule,
+        .tiles = series->tiles,
         .cancelled = umbb_interrupted,
         .progress = series_progress,
         .progress_user = series,
@@ -224,6 +223,12 @@ static int is_unwanted(const struct series *series, uint32_t frustum)
     return series->options->task == UMBB_TASK_TILE && begin >= end;
 }
 
+static void finish_tiles(struct series *series)
+{
+    umbb_tile_finish(&series->tiles[0]);
+    umbb_tile_finish(&series->tiles[1]);
+}
+
 /* Bakes the frusta of the requested tiles and joins their results. roots, levels: zeroed. */
 static enum umb_status bake_all(struct series *series, uint32_t *roots, uint32_t *levels,
                                 struct umb__octree *octree, struct umb_error *error)
@@ -240,6 +245,7 @@ static enum umb_status bake_all(struct series *series, uint32_t *roots, uint32_t
     if (series->options->task == UMBB_TASK_TILE) {
         return UMB_OK;
     }
+    finish_tiles(series);
     UMB__TRY(umb__pool_take(&series->pool, roots, levels, count, octree, error));
     return job->occluder_depth == NULL
                ? UMB_OK
@@ -267,6 +273,7 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb__
             ? bake_all(&series, roots, levels, octree, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %u roots refused", count);
     umbb_progress_end(&series.progress);
+    finish_tiles(&series);
     close_occluder_depths(&series);
     umb__pool_finish(&series.pool);
     free(roots);

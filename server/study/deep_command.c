@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
+#include "study/deep_rays.h"
 #include "study/study_math.h"
 #include "tool/clock.h"
 #include "tool/threads.h"
@@ -51,9 +52,12 @@ struct result {
     double mean, lighter, darker, most;
 };
 
-/* The deep maps. The first leaves nothing out; the others give the same bits in different ways. */
+/* The deep maps. The first three leave nothing out; the other three end lists at epsilon. Maps of
+ * equal lists give the same bits. */
 enum {
     EXACT,
+    WHOLE_LINKED,
+    WHOLE_STREAMED,
     SEARCHED,
     LINKED,
     STREAMED,
@@ -62,10 +66,37 @@ enum {
 static const struct {
     const char *name;
     enum umb_map_deep_way way;
-} WAYS[DEEPS] = {{"exact", UMB_MAP_DEEP_AUTO},
-                 {"searched", UMB_MAP_DEEP_SEARCH},
-                 {"linked", UMB_MAP_DEEP_LINKS},
-                 {"streamed", UMB_MAP_DEEP_STREAM}};
+} WAYS[DEEPS] = {{"exact", UMB_MAP_DEEP_SEARCH},          {"exact_linked", UMB_MAP_DEEP_LINKS},
+                 {"exact_streamed", UMB_MAP_DEEP_STREAM}, {"searched", UMB_MAP_DEEP_SEARCH},
+                 {"linked", UMB_MAP_DEEP_LINKS},          {"streamed", UMB_MAP_DEEP_STREAM}};
+
+/* Filters of deep maps that are compared with rays: one texel, the window, and the window with
+ * exponents (Fuerst, Mattausch, Scherzer 2013: EDSM). */
+static const struct {
+    const char *name;
+    int wide;
+    double exponent;
+} FILTERS[] = {
+    {"texel", 0, 0},
+    {"pcf", 1, 0},
+    {"edsm-30", 1, 30},
+    {"edsm-100", 1, 100},
+    {"edsm-300", 1, 300},
+    {"edsm-1000", 1, 1000},
+    {"edsm-3000", 1, 3000},
+    {"texel-edsm-100", 0, 100},
+    {"texel-edsm-300", 0, 300},
+};
+
+#define FILTER_COUNT (sizeof FILTERS / sizeof FILTERS[0])
+#define TRUTH_RAYS   11U /* rays a side over the window */
+
+/* Differences of a filter's answers from two kinds of rays: one from the point, and many over the
+ * window around it. */
+struct compared {
+    double ns;
+    double mean[2], rms[2], lighter[2]; /* [point, window] */
+};
 
 /* All surfaces on the light's path through each texel. */
 struct hits {
@@ -78,7 +109,8 @@ struct hits {
 struct deep {
     struct umbt_common common;
     uint64_t resolution, taps;
-    double alpha, epsilon;
+    double epsilon;
+    struct umbt_deep_rays rays;
     struct umbt_technique_view view; /* setup, size, frustum and buffer only */
     struct hits hits;
     float *values, *other; /* [receivers] */
@@ -86,7 +118,10 @@ struct deep {
      * nearest texels, weighted as in bilinear filtering. */
     double *box, *between;
     struct umbt_sheet sheet;
+    double
+        *traced[2]; /* [receivers] transmittance by a ray from the point, by rays over the window */
     struct result deeps[DEEPS], moments[MOMENT_COUNT];
+    struct compared filters[FILTER_COUNT];
     int same[DEEPS]; /* 1: the same bits as the search */
 };
 
@@ -96,11 +131,12 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SCENE_ROW},
     {"output", "FILE",
      "PNG file with one view by each map, side by side, five a row: the products over the window "
-     "of a deep map, the deep map, the products over the window of the other maps, then the other "
-     "maps in the order of the table; - is stdout",
+     "of a deep map, the deep map, the products over the window of the other maps, the maps of "
+     "moments in the order of the table, rays over the window, then the filters of deep maps; - is "
+     "stdout",
      UMBU_TEXT, UMBT_AT(output), .letter = 'o'},
     {"alpha", "A", "share of the light that a BLEND surface absorbs, 0 to 1", UMBU_NUMBER(0, 1),
-     AT(alpha), .standard = "0.5"},
+     AT(rays.alpha), .standard = "0.5"},
     {"resolution", "N", "texels a side of each map, 16 to 2048", UMBU_COUNT(16, 2048),
      AT(resolution), .standard = "512"},
     {"taps", "N", "width of the filter in texels", UMBU_ODD(1, 17), AT(taps), .standard = "7"},
@@ -139,19 +175,6 @@ static void points_lift(struct deep *d)
 
 /* ---- hits ---- */
 
-/* Share of the light that a triangle absorbs: all, unless its material is BLEND. */
-static float triangle_alpha(const struct deep *d, uint32_t triangle)
-{
-    const struct umbs_scene_view *scene = &d->common.scene.scene->view;
-    const uint32_t material = d->common.scene.materials[triangle];
-    if (material >= scene->material_count ||
-        scene->materials[material].alpha_mode != UMBS_ALPHA_BLEND) {
-        return 1.0F;
-    }
-    const float own = scene->materials[material].base_alpha;
-    return own < 1.0F ? own : (float)d->alpha;
-}
-
 /* Finds all hits of a texel's ray, nearest first; texel i has the places from HITS_MAX i on. */
 static void texel_item(void *user, size_t i)
 {
@@ -166,7 +189,7 @@ static void texel_item(void *user, size_t i)
             break;
         }
         hits->fragments[i * HITS_MAX + hits->counts[i]++] = (struct umb_map_fragment){
-            (float)fmin(hit.distance / length, 1.0), triangle_alpha(d, hit.triangle)};
+            (float)fmin(hit.distance / length, 1.0), umbt_deep_alpha(&d->rays, hit.triangle)};
         reached = hit.distance + STEP_SHARE * length;
     }
 }
@@ -204,6 +227,7 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
     const struct umbt_scene *scene = &d->common.scene;
     const uint32_t side = (uint32_t)d->resolution;
     UMB__TRY(umbt_setup_open(&d->common, setup, error));
+    d->rays.scene = scene;
     memcpy(d->view.size, d->common.size, sizeof d->view.size);
     UMB__TRY(
         umb_map_frustum_fit(setup->to_light, &scene->box, side, side, &d->view.frustum, error));
@@ -215,7 +239,10 @@ static enum umb_status scene_open(struct deep *d, struct umb_error *error)
     d->other = calloc(count, sizeof *d->other);
     d->box = calloc(count, sizeof *d->box);
     d->between = calloc(count, sizeof *d->between);
-    if (d->values == NULL || d->other == NULL || d->box == NULL || d->between == NULL) {
+    d->traced[0] = calloc(count, sizeof *d->traced[0]);
+    d->traced[1] = calloc(count, sizeof *d->traced[1]);
+    if (d->values == NULL || d->other == NULL || d->box == NULL || d->between == NULL ||
+        d->traced[0] == NULL || d->traced[1] == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     }
     return hits_trace(d, error);
@@ -327,6 +354,9 @@ static void truth_item(void *user, size_t i)
     const double depth = at[2] - bias_of(d) / d->view.frustum.depth_m;
     d->box[i] = brute_force(d, floor(at[0]), floor(at[1]), depth);
     d->between[i] = brute_force(d, at[0] - 0.5, at[1] - 0.5, depth);
+    at[2] = depth;
+    d->traced[0][i] = umbt_deep_traced(&d->rays, &d->view.frustum, at, 0.0, 1);
+    d->traced[1][i] = umbt_deep_traced(&d->rays, &d->view.frustum, at, (double)d->taps, TRUTH_RAYS);
 }
 
 /* Draws the truths as floats; the difference is invisible. */
@@ -338,6 +368,34 @@ static void truth_draw(struct deep *d, size_t tile, const double *truth)
     umbt_sheet_draw(&d->sheet, tile, &d->view, d->other);
 }
 
+/* Asks a map of one filter of FILTERS, and compares it with the rays. */
+static enum umb_status filter_run(struct deep *d, size_t f, struct umb_error *error)
+{
+    const struct umb_map_deep_settings settings = {.epsilon = d->epsilon,
+                                                   .exponent = FILTERS[f].exponent};
+    const struct umb_map_fragments in = {d->hits.first, d->hits.fragments};
+    const size_t count = d->view.buffer.receiver_count;
+    struct compared *compared = &d->filters[f];
+    struct result result = {0};
+    struct umb_map *map;
+    UMB__TRY(umb_map_build_deep(&d->view.frustum, &in, &settings, NULL, &map, error));
+    const enum umb_status status =
+        map_ask(d, map, FILTERS[f].wide ? (double)d->taps : 1.0, d->box, d->other, &result, error);
+    umb_map_destroy(map);
+    compared->ns = result.ns;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        for (int k = 0; k < 2; k++) {
+            const double difference = (double)d->other[i] - d->traced[k][i];
+            compared->mean[k] += fabs(difference) / (double)count;
+            compared->lighter[k] += fmax(difference, 0.0) / (double)count;
+            compared->rms[k] += difference * difference / (double)count;
+        }
+    }
+    compared->rms[0] = sqrt(compared->rms[0]);
+    compared->rms[1] = sqrt(compared->rms[1]);
+    return status;
+}
+
 #define TILES_BEFORE 3U /* two truths and the deep map */
 
 static enum umb_status moments_run(struct deep *d, struct umb_error *error)
@@ -346,6 +404,18 @@ static enum umb_status moments_run(struct deep *d, struct umb_error *error)
     for (size_t i = 0; i < MOMENT_COUNT; i++) {
         UMB__TRY(map_run(d, NULL, &MOMENTS[i], d->other, &d->moments[i], error));
         umbt_sheet_draw(&d->sheet, TILES_BEFORE + i, &d->view, d->other);
+    }
+    return UMB_OK;
+}
+
+/* Draws the rays over the window, then every filter. */
+static enum umb_status filters_run(struct deep *d, struct umb_error *error)
+{
+    const size_t first = TILES_BEFORE + MOMENT_COUNT;
+    truth_draw(d, first, d->traced[1]);
+    for (size_t f = 0; f < FILTER_COUNT; f++) {
+        UMB__TRY(filter_run(d, f, error));
+        umbt_sheet_draw(&d->sheet, first + 1 + f, &d->view, d->other);
     }
     return umbt_sheet_write(&d->sheet, error);
 }
@@ -358,18 +428,31 @@ static enum umb_status deep_run(void *state, const struct umbu_parsed *parsed,
     UMB__TRY(scene_open(d, error));
     const size_t count = d->view.buffer.receiver_count, bytes = count * sizeof *d->values;
     UMB__TRY(umbu_range_each(d->common.threads, count, 1024, truth_item, d, error));
-    UMB__TRY(umbt_sheet_begin(&d->sheet, d->common.output, &d->view, TILES_BEFORE + MOMENT_COUNT,
-                              error));
+    UMB__TRY(umbt_sheet_begin(&d->sheet, d->common.output, &d->view,
+                              TILES_BEFORE + MOMENT_COUNT + 1 + FILTER_COUNT, error));
     for (int i = 0; i < DEEPS; i++) {
-        const struct umb_map_deep_settings settings = {.epsilon = i == EXACT ? 0.0 : d->epsilon,
+        const int base = i < SEARCHED ? EXACT : SEARCHED;
+        const struct umb_map_deep_settings settings = {.epsilon = i < SEARCHED ? 0.0 : d->epsilon,
                                                        .way = WAYS[i].way};
         UMB__TRY(
-            map_run(d, &settings, NULL, i == SEARCHED ? d->other : d->values, &d->deeps[i], error));
-        d->same[i] = i > SEARCHED && memcmp(d->values, d->other, bytes) == 0;
+            map_run(d, &settings, NULL, i == base ? d->other : d->values, &d->deeps[i], error));
+        d->same[i] = i > base && memcmp(d->values, d->other, bytes) == 0;
     }
     umbt_sheet_draw(&d->sheet, 1, &d->view, d->values);
     truth_draw(d, 0, d->box);
-    return moments_run(d, error);
+    UMB__TRY(moments_run(d, error));
+    return filters_run(d, error);
+}
+
+static void filters_text(FILE *to, const struct deep *d)
+{
+    fprintf(to, "%-18s %11s %9s %9s %11s %9s %9s %9s\n", "against rays", "point: mean", "rms",
+            "lighter", "window mean", "rms", "lighter", "ns/point");
+    for (size_t f = 0; f < FILTER_COUNT; f++) {
+        const struct compared *c = &d->filters[f];
+        fprintf(to, "%-18s %11.5f %9.5f %9.5f %11.5f %9.5f %9.5f %9.0f\n", FILTERS[f].name,
+                c->mean[0], c->rms[0], c->lighter[0], c->mean[1], c->rms[1], c->lighter[1], c->ns);
+    }
 }
 
 static void report_text(FILE *to, const void *state)
@@ -392,6 +475,13 @@ static void report_text(FILE *to, const void *state)
                 WAYS[i].name, 18 - (int)strlen(WAYS[i].name), "", d->deeps[i].info.bytes,
                 d->deeps[i].ns, searched->ns / d->deeps[i].ns, d->same[i] ? "the same" : "OTHER");
     }
+    for (int i = EXACT; i < SEARCHED; i++) {
+        const struct result *cut = &d->deeps[SEARCHED + i];
+        fprintf(to, "%s, nothing left out:%*s%.0f ns a point; with epsilon %.2f times as fast\n",
+                WAYS[SEARCHED + i].name, 10 - (int)strlen(WAYS[SEARCHED + i].name), "",
+                d->deeps[i].ns, d->deeps[i].ns / cut->ns);
+    }
+    filters_text(to, d);
     fprintf(to, "%-18s %9s %9s %9s %9s %9s %11s %8s %9s\n", "moments", "mean", "lighter", "darker",
             "most", "slack", "bytes", "build s", "ns/point");
     for (size_t i = 0; i < MOMENT_COUNT; i++) {
@@ -420,7 +510,20 @@ static void report_json(struct umbu_json *json, const void *state)
         umbu_json_rounded(json, "ns_per_point", d->deeps[i].ns, 6);
         umbu_json_end(json, '}');
     }
-    umbu_json_bool(json, "same_bits", d->same[LINKED] && d->same[STREAMED]);
+    umbu_json_bool(json, "same_bits",
+                   d->same[LINKED] && d->same[STREAMED] && d->same[WHOLE_LINKED] &&
+                       d->same[WHOLE_STREAMED]);
+    umbu_json_begin(json, "filters", '[');
+    for (size_t f = 0; f < FILTER_COUNT; f++) {
+        const struct compared *c = &d->filters[f];
+        umbu_json_begin(json, NULL, '{');
+        umbu_json_text(json, "name", FILTERS[f].name);
+        UMBU_JSON_VALUES(json, 9, {"point_mean", c->mean[0]}, {"point_rms", c->rms[0]},
+                         {"window_mean", c->mean[1]}, {"window_rms", c->rms[1]});
+        umbu_json_rounded(json, "ns_per_point", c->ns, 6);
+        umbu_json_end(json, '}');
+    }
+    umbu_json_end(json, ']');
     umbu_json_begin(json, "moments", '[');
     for (size_t i = 0; i < MOMENT_COUNT; i++) {
         const struct result *r = &d->moments[i];
@@ -444,6 +547,8 @@ static void finish(void *state)
     free(d->other);
     free(d->box);
     free(d->between);
+    free(d->traced[0]);
+    free(d->traced[1]);
     umbt_picture_finish(&d->sheet.picture);
     umbt_gbuffer_finish(&d->view.buffer);
 }

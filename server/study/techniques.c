@@ -7,6 +7,8 @@
 #include <string.h>
 #include "base/try.h"
 #include "maps/map_parts.h"
+#include "query/query_parts.h"
+#include "study/technique_seams.h"
 #include "tool/clock.h"
 #include "tool/threads.h"
 
@@ -15,27 +17,25 @@
 /* Distance of starts of rays from the surface, as a share of the scene's diagonal: above Embree's
  * rounding. */
 #define LIFT_SHARE   2e-6
-#define COLUMNS      5U   /* drawings in a row of a sheet */
-#define GAP          4U   /* pixels between them */
 #define SPLIT_WEIGHT 0.5  /* weight of logarithmic against uniform splits (Zhang et al. 2006) */
 #define BLOCK        512  /* points a thread traces at a time */
 #define SAME_SUN     1e-9 /* 1 - cosine of the largest angle between equal suns: 0.003 degrees */
 #define RUNS         5
-#define ATTEMPTS     3     /* attempts at runs that agree */
+#define ATTEMPTS     3     /* series of runs, until the least agree */
 #define RUN_S        0.002 /* shortest run, so that the clock measures it well */
 #define CALLS_MAX    1000  /* most calls a run */
 
 struct layer {
     const struct umbr_rays *rays;
     const struct umb_map_frustum *frustum;
-    float *depth;
+    uint32_t side; /* samples along each side of a texel */
+    float *depth;  /* [height][width][side * side] */
 };
 
-double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
-                      double direction[3])
+/* The ray of the light through a place of the map, as umbt_texel_ray. */
+static double place_ray(const struct umb_map_frustum *frustum, double x, double y, double start[3],
+                        double direction[3])
 {
-    const double x = (double)(texel % frustum->width) + 0.5;
-    const double y = (double)(texel / frustum->width) + 0.5;
     double end[3];
     if (umb_map_frustum_point(frustum, x, y, 0.0, start) != UMB_OK ||
         umb_map_frustum_point(frustum, x, y, 1.0, end) != UMB_OK) {
@@ -45,12 +45,24 @@ double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, doubl
     return umbt_normalize(direction);
 }
 
+double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
+                      double direction[3])
+{
+    return place_ray(frustum, (double)(texel % frustum->width) + 0.5,
+                     (double)(texel / frustum->width) + 0.5, start, direction);
+}
+
 static void layer_item(void *user, size_t i)
 {
     const struct layer *layer = user;
     double start[3], direction[3];
     struct umbr_hit hit = {.distance = -1.0};
-    const double length = umbt_texel_ray(layer->frustum, i, start, direction);
+    const size_t side = layer->side, texel = i / (side * side), sample = i % (side * side);
+    const double x =
+        (double)(texel % layer->frustum->width) + ((double)(sample % side) + 0.5) / (double)side;
+    const double y =
+        (double)(texel / layer->frustum->width) + ((double)(sample / side) + 0.5) / (double)side;
+    const double length = place_ray(layer->frustum, x, y, start, direction);
     layer->depth[i] = 1.0F;
     if (length > 0.0) {
         umbr_nearest(layer->rays, start, direction, 0.0, length, &hit);
@@ -61,12 +73,12 @@ static void layer_item(void *user, size_t i)
 }
 
 static enum umb_status layer_trace(const struct umbt_technique_view *view,
-                                   const struct umb_map_frustum *frustum, float *depth,
-                                   struct umb_error *error)
+                                   const struct umb_map_frustum *frustum, uint32_t side,
+                                   float *depth, struct umb_error *error)
 {
-    struct layer layer = {view->setup.scene->rays, frustum, depth};
-    return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height, 4096,
-                           layer_item, &layer, error);
+    struct layer layer = {view->setup.scene->rays, frustum, side, depth};
+    return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height * side * side,
+                           4096, layer_item, &layer, error);
 }
 
 /* Makes the truth of the view's filter on an affine frustum: rays over the filter's box. The map's
@@ -84,6 +96,8 @@ static void box_truth(const struct umbt_technique_view *view, const struct umb_m
     }
     *truth = umbt_truth_of(view->setup.scene, view->setup.to_light, frustum->origin, &texels);
     truth->kind = UMBT_TRUTH_AREA;
+    truth->by_normal = 1;
+    truth->layers = NULL;
     truth->settings.taps = view->taps;
     truth->samples = AREA_RAYS;
 }
@@ -153,7 +167,7 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
     if (view->depth == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     }
-    UMB__TRY(layer_trace(view, &view->frustum, view->depth, error));
+    UMB__TRY(layer_trace(view, &view->frustum, 1, view->depth, error));
     UMB__TRY(umbt_gbuffer_view(&view->buffer, view->setup.scene, &view->setup.camera, view->size,
                                view->threads, error));
     const size_t receivers = view->buffer.receiver_count;
@@ -176,11 +190,14 @@ void umbt_technique_view_finish(struct umbt_technique_view *view)
 }
 
 /* Adds the differences of answers from a truth, over points that face the light, to a zeroed
- * result. truth, values: float[receivers]. */
+ * result. truth, values: float[receivers]. The truth is copied if the view wants it. */
 static void compare(const struct umbt_technique_view *view, const float *truth, const float *values,
                     struct umbt_technique_result *result)
 {
     size_t facing = 0, over = 0;
+    if (view->compared != NULL) {
+        memcpy(view->compared, truth, view->buffer.receiver_count * sizeof *truth);
+    }
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
         double normal[3];
         umbt_widen(view->buffer.normals[i], normal);
@@ -199,108 +216,6 @@ static void compare(const struct umbt_technique_view *view, const float *truth, 
     result->mean = result->lighter + result->darker;
     result->over_half = (double)over / count;
 }
-
-static struct umbt_rgb pixel_color(const struct umbt_technique_view *view, size_t pixel,
-                                   const float *values)
-{
-    const uint32_t slot = view->buffer.slots[pixel];
-    const int up = view->setup.z_up ? 2 : 1;
-    if (slot == UMBT_SKY) {
-        double direction[3];
-        umbt_camera_ray(&view->setup.camera,
-                        ((double)(pixel % view->size[0]) + 0.5) / view->size[0],
-                        ((double)(pixel / view->size[0]) + 0.5) / view->size[1], direction);
-        return umbt_sky(direction[up]);
-    }
-    double normal[3];
-    umbt_widen(view->buffer.normals[slot], normal);
-    const uint32_t key = umbt_scene_surface_key(view->setup.scene, view->buffer.triangles[slot]);
-    return umbt_shade(umbt_surface_color(key), (double)values[slot],
-                      umb__dot(normal, view->setup.to_light), normal[up]);
-}
-
-enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const char *path,
-                                 const struct umbt_technique_view *view, size_t tiles,
-                                 struct umb_error *error)
-{
-    const uint32_t rows = (uint32_t)((tiles + COLUMNS - 1) / COLUMNS);
-    sheet->path = path;
-    return path != NULL ? umbt_picture_init(&sheet->picture, COLUMNS * (view->size[0] + GAP) - GAP,
-                                            rows * (view->size[1] + GAP) - GAP, error)
-                        : UMB_OK;
-}
-
-void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
-                     const float *values)
-{
-    const size_t width = view->size[0], height = view->size[1];
-    const size_t x0 = tile % COLUMNS * (width + GAP), y0 = tile / COLUMNS * (height + GAP);
-    for (size_t pixel = 0; sheet->path != NULL && pixel < width * height; pixel++) {
-        const struct umbt_rgb color = pixel_color(view, pixel, values);
-        const size_t x = x0 + pixel % width, y = y0 + pixel / width;
-        for (size_t c = 0; c < 3; c++) {
-            sheet->picture.pixels[3 * (y * sheet->picture.width + x) + c] =
-                umbt_srgb8(umbt_shoulder(color.c[c]));
-        }
-    }
-}
-
-enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet, struct umb_error *error)
-{
-    return sheet->path != NULL ? umbt_picture_write(&sheet->picture, sheet->path, error) : UMB_OK;
-}
-
-/* ---- rows ---- */
-
-/* The parameter of each family grows down the table. */
-#define MAP(kind) .settings.technique = UMB_MAP_##kind
-
-const struct umbt_technique_row umbt_technique_rows[] = {
-    {"map-f32", UMBT_POINT, MAP(PCF)},
-    {"pcf-u16", UMBT_BOX, MAP(PCF), .settings.format = UMB_MAP_U16},
-    {"pcf-u24", UMBT_BOX, MAP(PCF), .settings.format = UMB_MAP_U24},
-    {"pcf-f32", UMBT_BOX, MAP(PCF)},
-    {"pcf-poisson16", UMBT_BOX, MAP(PCF), .filter = {.kernel = UMB_MAP_POISSON, .samples = 16}},
-    {"pcf-poisson64", UMBT_BOX, MAP(PCF), .filter = {.kernel = UMB_MAP_POISSON, .samples = 64}},
-    {"pcss", UMBT_PENUMBRA, MAP(PCF), .filter.light_size = 1.0},
-    {"vsm-soft", UMBT_PENUMBRA, MAP(VSM), .settings.access = UMB_MAP_SAT,
-     .filter = {.light_size = 1.0}},
-    {"vsm-u16", UMBT_BOX, MAP(VSM), .settings.format = UMB_MAP_U16},
-    {"vsm", UMBT_BOX, MAP(VSM)},
-    {"vsm-plane", UMBT_BOX, MAP(VSM), .settings.depth_plane = 1},
-    {"vsm-mips", UMBT_BOX, MAP(VSM), .settings.access = UMB_MAP_MIPS},
-    {"vsm-sat", UMBT_BOX, MAP(VSM), .settings.access = UMB_MAP_SAT},
-    {"vsm-reduced", UMBT_BOX, MAP(VSM), .filter.reduction = 0.3},
-    {"lvsm-2", UMBT_BOX, MAP(LVSM), .settings.terms = 2},
-    {"lvsm-4", UMBT_BOX, MAP(LVSM), .settings.terms = 4},
-    {"lvsm-16", UMBT_BOX, MAP(LVSM), .settings.terms = 16},
-    {"convolution-4", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 4},
-    {"convolution-8", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 8},
-    {"convolution-16", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 16},
-    {"convolution-16-damped", UMBT_BOX, MAP(CONVOLUTION), .settings.terms = 16,
-     .settings.damping = 2.0},
-    {"esm-20", UMBT_BOX, MAP(ESM), .settings.exponent = 20},
-    {"esm-80", UMBT_BOX, MAP(ESM), .settings.exponent = 80},
-    {"esm-300", UMBT_BOX, MAP(ESM), .settings.exponent = 300},
-    {"evsm-f16", UMBT_BOX, MAP(EVSM), .settings.exponent = 5.4, .settings.negative_exponent = 5.4,
-     .settings.linear = 1, .settings.format = UMB_MAP_F16},
-    {"evsm-f32", UMBT_BOX, MAP(EVSM), .settings.exponent = 42, .settings.negative_exponent = 5.4,
-     .settings.linear = 1},
-    {"evsm-log", UMBT_BOX, MAP(EVSM), .settings.exponent = 100, .settings.negative_exponent = 100},
-    {"msm-u16", UMBT_BOX, MAP(MSM), .settings.format = UMB_MAP_U16},
-    {"msm-f32", UMBT_BOX, MAP(MSM)},
-    {"msm-sat", UMBT_BOX, MAP(MSM), .settings.access = UMB_MAP_SAT},
-    {"pssm-map-2", UMBT_POINT, MAP(PCF), .cascades = 2, .fit = UMB_CASCADE_SCENE},
-    {"pssm-map-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_SCENE},
-    {"pssm-map-8", UMBT_POINT, MAP(PCF), .cascades = 8, .fit = UMB_CASCADE_SCENE},
-    {"pssm-lispsm-4", UMBT_POINT, MAP(PCF), .cascades = 4, .fit = UMB_CASCADE_LISPSM},
-    {"pssm-vsm-2", UMBT_BOX, MAP(VSM), .cascades = 2, .fit = UMB_CASCADE_SCENE},
-    {"pssm-vsm-4", UMBT_BOX, MAP(VSM), .cascades = 4, .fit = UMB_CASCADE_SCENE},
-    {"pssm-evsm-4", UMBT_BOX, MAP(EVSM), .settings.exponent = 42, .settings.negative_exponent = 5.4,
-     .settings.linear = 1, .cascades = 4, .fit = UMB_CASCADE_SCENE},
-};
-
-const size_t umbt_technique_row_count = sizeof umbt_technique_rows / sizeof umbt_technique_rows[0];
 
 /* ---- time of the answers ---- */
 
@@ -330,22 +245,21 @@ static double calls_s(const struct asking *asking, int calls)
     return umbu_thread_cpu_s() - start;
 }
 
-/* Answers all points on one thread and times the answers, until an attempt is steady. */
+/* Answers all points on one thread and times the answers, until the least runs agree. */
 static void answer(const struct umbt_technique_view *view, struct asking asking,
                    struct umbt_technique_result *result)
 {
     const size_t points = view->buffer.receiver_count;
+    double ns[ATTEMPTS * RUNS];
     asking.points = umbt_points_at(view->buffer.positions[0], view->buffer.normals[0], points);
     result->time.spread = INFINITY;
     const double once = calls_s(&asking, 1); /* also warms up the caches */
     const int calls = 1 + (int)fmin(RUN_S / fmax(once, 1e-9), CALLS_MAX);
-    for (int i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_MAX; i++) {
-        double ns[RUNS];
-        for (int run = 0; run < RUNS; run++) {
+    for (size_t i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_STEADY; i++) {
+        for (size_t run = RUNS * i; run < RUNS * (i + 1); run++) {
             ns[run] = 1e9 * calls_s(&asking, calls) / ((double)calls * (double)points);
         }
-        const struct umbt_time time = umbt_median(ns, RUNS);
-        result->time = time.spread < result->time.spread ? time : result->time;
+        result->time = umbt_least(ns, RUNS * (i + 1));
     }
 }
 
@@ -396,7 +310,7 @@ struct maps {
     struct umb_map_query queries[UMB_CASCADES_MAX];
     struct umbt_truth truths[UMB_CASCADES_MAX]; /* truths of each slice's box */
     struct umb_cascade_plan plan;
-    float *depth; /* depths of one slice at a time */
+    float *depth; /* depths of one slice at a time, or of several samples a texel */
 };
 
 /* The row's filter, completed with the view's values. */
@@ -428,7 +342,7 @@ static enum umb_status map_make(const struct umbt_technique_view *view,
 {
     struct umb_map_settings settings = row->settings;
     const struct umb_map_filter filter = filter_of(view, row);
-    const struct umb_map_layer layer = {.depth = depth};
+    const struct umb_map_layer layer = {.depth = depth, .samples = row->samples * row->samples};
     const uint64_t bytes = result->info.bytes;
     if (settings.technique != UMB_MAP_PCF && settings.access == UMB_MAP_BASE) {
         settings.blur = view->taps;
@@ -447,7 +361,7 @@ static enum umb_status plan_make(const struct umbt_technique_view *view,
                                  struct umb_cascade_plan *plan, struct umb_error *error)
 {
     struct umb_cascade_settings settings = {
-        .count = row->cascades, .weight = SPLIT_WEIGHT, .fit = row->fit};
+        .count = row->cascades, .weight = SPLIT_WEIGHT, .fit = row->fit, .blend = row->blend};
     struct umb_camera camera = umbt_camera_view(&view->setup.camera, INFINITY, 0.0);
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
         const double depth = umbt_camera_depth(&view->setup.camera, view->buffer.positions[i]);
@@ -461,6 +375,23 @@ static enum umb_status plan_make(const struct umbt_technique_view *view,
     }
     return umb_cascades_plan(&camera, view->setup.to_light, &view->setup.scene->box, &settings,
                              plan, error);
+}
+
+/* Judges the seams, and prepares the queries again with their contrasts. */
+static enum umb_status seams_run(const struct umbt_technique_view *view,
+                                 const struct umbt_technique_row *row, struct maps *maps,
+                                 struct umbt_technique_result *result, struct umb_error *error)
+{
+    struct umb_map_filter filter = filter_of(view, row);
+    filter.contrast = 1.0;
+    result->seam_count = row->cascades - 1;
+    UMB__TRY(
+        umbt_seams_run(view, &maps->plan, maps->maps, &filter, row->match, result->seams, error));
+    for (uint32_t i = 1; i < row->cascades && row->match; i++) {
+        filter.contrast = result->seams[i - 1].contrast;
+        UMB__TRY(umb_map_prepare(maps->maps[i], &filter, &maps->queries[i], error));
+    }
+    return UMB_OK;
 }
 
 /* Runs a row with a map for each slice. A point's truth is that of the box filter of its slice. */
@@ -477,10 +408,11 @@ static enum umb_status cascades_run(const struct umbt_technique_view *view,
     UMB__TRY(plan_make(view, row, &maps->plan, error));
     for (uint32_t i = 0; i < row->cascades; i++) {
         const struct umb_map_frustum *frustum = &maps->plan.frusta[i];
-        UMB__TRY(layer_trace(view, frustum, maps->depth, error));
+        UMB__TRY(layer_trace(view, frustum, 1, maps->depth, error));
         UMB__TRY(map_make(view, row, frustum, maps->depth, maps, i, result, error));
         box_truth(view, frustum, &maps->truths[i]);
     }
+    UMB__TRY(seams_run(view, row, maps, result, error));
     answer(view, (struct asking){.maps = maps->queries, .plan = &maps->plan, .values = values},
            result);
     if (row->truth == UMBT_BOX) {
@@ -496,7 +428,16 @@ static enum umb_status map_run(const struct umbt_technique_view *view,
                                float *values, struct umbt_technique_result *result,
                                struct umb_error *error)
 {
-    UMB__TRY(map_make(view, row, &view->frustum, view->depth, maps, 0, result, error));
+    const size_t texels = (size_t)view->resolution * view->resolution;
+    if (row->samples > 1) {
+        maps->depth = malloc(texels * row->samples * row->samples * sizeof *maps->depth);
+        if (maps->depth == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
+        }
+        UMB__TRY(layer_trace(view, &view->frustum, row->samples, maps->depth, error));
+    }
+    UMB__TRY(map_make(view, row, &view->frustum, row->samples > 1 ? maps->depth : view->depth, maps,
+                      0, result, error));
     answer(view, (struct asking){.maps = maps->queries, .values = values}, result);
     compare(view, view->truth[row->truth], values, result);
     return UMB_OK;
@@ -534,12 +475,33 @@ enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char
     return UMB_OK;
 }
 
+/* Times an asset's box or one tap by the kernel without vector instructions. A query with more
+ * stages than its kernel keeps the time of `result`. */
+static void answer_scalar(const struct umbt_technique_view *view, const struct umb_query *query,
+                          float *values, struct umbt_technique_result *result)
+{
+    struct umb_query copy = {{0}};
+    struct umb__query inside;
+    struct umbt_technique_result scalar = *result;
+    memcpy(&inside, query->opaque, sizeof inside);
+    if (inside.run == inside.kernel) {
+        inside.run = inside.kernel = umb__kernel_base;
+        memcpy(copy.opaque, &inside, sizeof inside);
+        answer(view, (struct asking){.query = &copy, .values = values}, &scalar);
+    }
+    result->scalar = scalar.time;
+}
+
 enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struct umb_asset *asset,
                              enum umbt_technique_truth kind, float *values,
                              struct umbt_technique_result *result, struct umb_error *error)
 {
-    const int box = kind == UMBT_BOX;
-    const struct umb_query_settings settings = {.taps = box ? view->taps : 1};
+    const int penumbra = kind == UMBT_PENUMBRA;
+    const struct umb_query_settings settings = {.taps = kind == UMBT_BOX ? view->taps : 1,
+                                                .filter =
+                                                    penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
+                                                .light_extent = penumbra ? view->light_rad : 0.0,
+                                                .opaque_only = 1}; /* as maps are */
     struct umb_asset_info info;
     struct umb_light_info light;
     struct umb_query query;
@@ -549,13 +511,18 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
     result->info.bytes = info.memory_bytes;
     UMB__TRY(umb_query_prepare(asset, &settings, &query, error));
     answer(view, (struct asking){.query = &query, .values = values}, result);
-    if (!box) {
-        compare(view, view->truth[UMBT_POINT], values, result);
-        return UMB_OK;
+    if (kind != UMBT_BOX) {
+        compare(view, view->truth[kind], values, result);
+    } else {
+        box_truth(view, &view->frustum, &truth);
+        truth.by_normal = 0;
+        memcpy(truth.origin, info.origin, sizeof truth.origin);
+        UMB__TRY(umb_asset_get_light(asset, 0, &light));
+        UMB__TRY(umb_asset_get_frustum(asset, light.first_frustum, &truth.frustum));
+        UMB__TRY(box_compare((struct tracing){view, &truth, NULL, NULL}, values, result, error));
     }
-    box_truth(view, &view->frustum, &truth);
-    memcpy(truth.origin, info.origin, sizeof truth.origin);
-    UMB__TRY(umb_asset_get_light(asset, 0, &light));
-    UMB__TRY(umb_asset_get_frustum(asset, light.first_frustum, &truth.frustum));
-    return box_compare((struct tracing){view, &truth, NULL, NULL}, values, result, error);
+    if (!penumbra) {
+        answer_scalar(view, &query, values, result);
+    }
+    return UMB_OK;
 }

@@ -26,7 +26,7 @@ enum umbt_technique_truth {
 struct umbt_technique_view {
     struct umbt_setup setup;
     uint32_t size[2];    /* pixels */
-    uint32_t resolution; /* texels a side */
+    uint32_t resolution; /* texels a side, of a map without cascades */
     uint32_t taps;       /* width of the filter, odd */
     double light_rad;    /* angular diameter */
     unsigned threads;
@@ -34,6 +34,9 @@ struct umbt_technique_view {
     float *depth; /* [resolution^2] */
     struct umbt_gbuffer buffer;
     float *truth[UMBT_TECHNIQUE_TRUTHS]; /* [receivers] */
+    /* [receivers], borrowed: gets the truth that a technique was compared with, of its own filter;
+     * NULL: not wanted. */
+    float *compared;
 };
 
 /*
@@ -55,13 +58,26 @@ void umbt_technique_view_finish(struct umbt_technique_view *view);
 double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, double start[3],
                       double direction[3]);
 
+/* A seam between two cascades. */
+struct umbt_seam {
+    double distance_m; /* of the split along the view */
+    size_t points;     /* number of visible points on it */
+    double contrast;   /* C of the layer behind it */
+    /* Root mean square of the jump of the answers from layer to layer: with C = 1 everywhere, and
+     * with the layers' contrasts. */
+    double before, after;
+};
+
 /* Result of one technique. Differences are over points that face the light. */
 struct umbt_technique_result {
     struct umb_map_info info;
     double build_s;               /* CPU time */
     struct umbt_time time;        /* CPU time of a point on one thread */
+    struct umbt_time scalar;      /* the same without vector instructions; assets only */
     double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
+    uint32_t seam_count;          /* 0: no cascades */
+    struct umbt_seam seams[UMB_CASCADES_MAX];
 };
 
 /* A picture with many drawings of one view, side by side. */
@@ -79,6 +95,10 @@ UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const cha
 void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
                      const float *values);
 
+/* Writes a name into the upper left corner of a drawing. */
+void umbt_sheet_label(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
+                      const char *name);
+
 /* Writes the sheet. Fails: as umbt_picture_write. */
 UMB_CHECKED enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet,
                                              struct umb_error *error);
@@ -94,6 +114,9 @@ struct umbt_technique_row {
      * take the bytes of one map. 0: one map for all points. */
     uint32_t cascades;
     enum umb_cascade_fit fit; /* Fit of the slices; not LISPSM with truth BOX */
+    int match;                /* 1: contrasts of the slices by umb_cascades_match */
+    double blend;             /* Share of a slice that fades into the next */
+    uint32_t samples;         /* Depths along each side of a texel; 0 = 1 */
 };
 
 /* All rows, in the order of the table. */
@@ -115,7 +138,8 @@ UMB_CHECKED enum umb_status umbt_dag_open(const struct umbt_technique_view *view
                                           struct umb_asset **asset, struct umb_error *error);
 
 /* Queries and compares an asset. truth: POINT: one tap against one ray; BOX: the view's filter, in
- * voxels, against rays over its box. In result->info only `bytes` is set. */
+ * voxels, against rays over its box; PENUMBRA: the penumbra filter against the light's disc. In
+ * result->info only `bytes` is set. Fails: the errors of umb_query_prepare; E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_dag_run(const struct umbt_technique_view *view,
                                          const struct umb_asset *asset,
                                          enum umbt_technique_truth truth, float *values,

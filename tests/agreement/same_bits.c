@@ -221,12 +221,15 @@ static uint64_t bake(const struct soup *soup, int closed_rule, int plain)
 
 static void bakes(int plain_only)
 {
-    for (unsigned number = 0; number < 4; number++) {
+    for (unsigned number = 0; number < 6; number++) { /* the last two before a lamp */
         struct soup soup = {.size = SIZE, .random_state = 100 + number};
         for (int i = 0; i < 12; i++) {
             soup_random_box(&soup);
         }
         soup_random_open(&soup, 400);
+        if (number >= 4) {
+            soup_before_lamp(&soup, 50.0);
+        }
         const uint64_t digest = bake(&soup, number % 2, 1);
         tell("bake", number, &digest, sizeof digest);
         failures += !plain_only && bake(&soup, number % 2, 0) != digest;

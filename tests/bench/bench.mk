@@ -2,9 +2,9 @@
 # Benchmarks. They print one JSON object a row on stdout and a table on stderr; with
 # UMBRAGE_BENCH_BARS=FILE the table shows the bars of that file. SIZE=quick|full.
 SIZE ?= quick
-BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_service
+BENCH_PROGRAMS := $(BUILD)/bench_bake $(BUILD)/bench_query $(BUILD)/bench_frames $(BUILD)/bench_service
 BENCH_SHARED := $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_arguments bench_machine bench_scene \
-	bench_points bench_map16 place_floor_avx2 place_floor_avx512 lines_floor embree_peer yardstick_2014 voxel_truth bake_race)
+	bench_points bench_map16 place_floor_avx2 place_floor_avx512 lines_floor embree_peer yardstick_2014 voxel_truth bake_race lamp_race)
 BENCH_STUDY := $(filter-out %/study_main.o,$(STUDY_OBJ))
 BENCH_ORACLE := $(patsubst %,$(BUILD)/tests/oracle/oracle_%.o,scene closed depth)
 # A sparse volume as peer, where its headers are.
@@ -24,7 +24,9 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
 
-$(BUILD)/bench_query: $(BENCH_VOLUME)
+$(BUILD)/bench_query: $(BUILD)/tests/bench/bench_filters.o $(BENCH_VOLUME)
+$(BUILD)/bench_frames: $(BUILD)/tests/bench/vsm_peer_avx2.o
+$(BUILD)/tests/bench/vsm_peer_avx2.o: AVX2_FLAGS += -O3
 
 # The service's races: one client, bare frames and gRPC's C++ library as peers.
 PEER_OBJ := $(BUILD)/tests/bench/peer_work.o
@@ -81,6 +83,9 @@ $(foreach effect,$(EFFECT_SWITCHES),$(eval $(call without_effect,$(effect))))
 $(BUILD)/failure_pictures: $(BUILD)/tests/bench/failure_pictures.o $(HARNESS_OBJ) $(TEST_LIBS_study)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -lcmocka -o $@
+$(BUILD)/picture_sheet: $(BUILD)/tests/bench/picture_sheet.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 failure-pictures: $(BUILD)/failure_pictures ## how shadow maps fail and what helps: docs/pictures/failures.png
 	@$< docs/pictures/failures.png
 .PHONY: failure-pictures
@@ -91,6 +96,10 @@ bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks
 bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 	@$(BUILD)/bench_query --size $(SIZE)
 
+bench-frames: $(BUILD)/bench_frames ## cascades drawn and variance maps blurred for each picture, against an asset
+	@$(BUILD)/bench_frames --size $(SIZE)
+.PHONY: bench-frames
+
 bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the daemon against the library in process
 	@$(BUILD)/bench_service --size $(SIZE) --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
@@ -100,12 +109,29 @@ bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
+# Orders of leaves under a window, on the octree of 2014.
+$(BUILD)/bench_orders: $(BUILD)/tests/bench/bench_orders.o $(BENCH_SHARED) $(BENCH_STUDY) $(BENCH_ORACLE) $(GEN_OBJ) $(BENCH_LIBS)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+bench-orders: $(BUILD)/bench_orders ## orders of the leaves under a window, on the octree of 2014
+	@$<
+.PHONY: bench-orders
+
+# The paper's linked lists against arrays, links and streams.
+$(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+bench-deep-ways: $(BUILD)/bench_deep_ways ## ways through the lists of deep maps, by mean length
+	@$<
+.PHONY: bench-deep-ways
+
 # One after the other, whatever -j says: they must not disturb each other. What the first bakes the
 # others use; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
 	@assets=$$(mktemp -d) && trap 'rm -rf "$$assets"' EXIT && \
 	$(BUILD)/bench_bake --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_query --size $(SIZE) --assets "$$assets" && \
+	$(BUILD)/bench_frames --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
 .PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
@@ -124,6 +150,24 @@ bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_querie
 	for scene in city terrain; do echo "$$scene, 4096 voxels a side:"; \
 		$(BUILD)/bench_volume_queries $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
 .PHONY: bench-volume-queries
+
+# Far views: footprints, and MRAA and VOAA of Sintorn et al. 2014, against the mean over a pixel. The
+# levels of MRAA are bakes of their own.
+$(BUILD)/far_views: $(BUILD)/tests/bench/far_views.o $(BUILD)/tests/bench/far_modes.o $(BUILD)/tests/bench/bench_report.o \
+		$(BENCH_STUDY) $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+FAR_city    := city --size 59
+FAR_terrain := terrain --size 1024
+FAR_CAMERA_city    := eye=0,-1500,700,target=0,0,0,fov=12
+FAR_CAMERA_terrain := eye=0,-6000,3000,target=0,0,0,fov=12
+far-views: $(BUILD)/umbrage-bake $(BUILD)/scenegen $(BUILD)/far_views ## table of far views: one tap, windows, MRAA, VOAA, footprints
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT; \
+	$(foreach scene,city terrain,$(BUILD)/scenegen $(FAR_$(scene)) --format ply -o $$folder/$(scene).ply && \
+	for n in 16384 8192 4096 2048 1024 512; do $(BUILD)/umbrage-bake $$folder/$(scene).ply -o $$folder/$$n.umb --closed off \
+		--resolution $$n --sun 135,40 --up z --quiet --verify 0 || exit 1; done && echo "$(scene):" && \
+	$(BUILD)/far_views $$folder/$(scene).ply $(FAR_CAMERA_$(scene)) $$folder &&) true
+.PHONY: far-views
 
 # The depth map of one view, for tests/bench/paging_figures.py.
 $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)

@@ -21,6 +21,7 @@
 #include "bench_report.h"
 #include "bench_scene.h"
 #include "embree_peer.h"
+#include "lamp_race.h"
 #include "voxel_truth.h"
 #include "yardstick_2014.h"
 
@@ -237,6 +238,7 @@ enum part {
     PART_RACE,
     PART_RULES,
     PART_DEPTH,
+    PART_LAMP,
     PART_COUNT
 };
 static const struct {
@@ -250,6 +252,8 @@ static const struct {
     {"mapped_vs_2014", PART_RULES},
     {"wrong_voxels", PART_RULES},
     {"depth_front_vs_embree8", PART_DEPTH},
+    {"point_vs_sun", PART_LAMP},
+    {"point_face_vs_sun", PART_LAMP},
 };
 #define FIGURE_COUNT (sizeof figures / sizeof figures[0])
 
@@ -278,6 +282,10 @@ static void scene_run(const char *scene_name, const struct choice *choice)
     }
     if (choice->wanted[PART_DEPTH]) {
         depth_race(&scene, bench_text("%s-%dk", scene_name, thousands));
+    }
+    for (int rule = 0; !is_terrain && choice->wanted[PART_LAMP] && rule < 2; rule++) {
+        lamp_race(&scene, rule,
+                  bench_text("%s-%dk-%s", scene_name, thousands, rule ? "closed" : "open"));
     }
     bench_scene_finish(&scene);
 }

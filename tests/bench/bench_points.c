@@ -155,7 +155,8 @@ void bench_points_gbuffer(const struct bench_scene *scene, enum bench_view view,
     bench_must(umbt_gbuffer_fill(&buffer, &scene->study, &camera, height, 0, height,
                                  umbu_processor_count(), &error),
                &error, "gbuffer");
-    *points = (struct bench_points){.name = inside ? "gbuffer" : "gbuffer-overview"};
+    *points =
+        (struct bench_points){.name = inside ? "gbuffer" : "gbuffer-overview", .camera = camera};
     arrays_make(points, buffer.receiver_count);
     for (uint32_t i = 0; i < width * height; i++) {
         const uint32_t packet = i / (PACKET_WIDE * PACKET_TALL);

@@ -17,12 +17,14 @@
  *       up to four voxels more, in random order
  */
 #include "bench_scene.h"
+#include "study/camera.h"
 
 struct bench_points {
     const char *name; /* "gbuffer", "gbuffer-overview" or "random" */
     size_t count;
-    float *at[3];             /* [3 * count] for 1, 9 and 17 taps */
-    float *surface, *normals; /* [3 * count] before the bias, for who moves them himself */
+    float *at[3];              /* [3 * count] for 1, 9 and 17 taps */
+    float *surface, *normals;  /* [3 * count] before the bias, for who moves them himself */
+    struct umbt_camera camera; /* of a picture */
 };
 
 extern const int bench_taps[3];

@@ -273,12 +273,14 @@ void bench_asset_finish(struct bench_asset *asset)
 void bench_tiles(const struct bench_scene *scene, int closed_rule, bench_tile_fn fn, void *user)
 {
     const struct umbb_casters casters = bench_casters(scene, closed_rule);
-    const struct umbb_depth_options options = {.tile_log2 = BENCH_TILE_LOG2, .threads = 1};
+    const uint32_t log2_size = scene->frustum.log2_size;
+    const uint32_t tile_log2 = log2_size < BENCH_TILE_LOG2 ? log2_size : BENCH_TILE_LOG2;
+    const struct umbb_depth_options options = {.tile_log2 = tile_log2, .threads = 1};
     struct umbb_depth depth;
     struct umbb_tile tile;
     struct umb_error error;
     bench_must(umbb_depth_raster_create(&casters, &options, &depth, &error), &error, "depth");
-    bench_must(umbb_tile_init(&tile, BENCH_TILE_LOG2, closed_rule, &error), &error, "tile");
+    bench_must(umbb_tile_init(&tile, tile_log2, closed_rule, &error), &error, "tile");
     for (int32_t y = 0; y < casters.size; y += tile.size) {
         for (int32_t x = 0; x < casters.size; x += tile.size) {
             tile.x0 = x;

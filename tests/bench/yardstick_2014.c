@@ -134,10 +134,9 @@ static void bricks_count(const struct umb__octree *octree, struct yardstick_2014
     free(leaves);
 }
 
-struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int closed_rule)
+void yardstick_2014_octree(const struct bench_scene *scene, int closed_rule,
+                           struct umb__octree *octree)
 {
-    struct yardstick_2014 result = {0};
-    struct umb__octree octree;
     struct umb_error error;
     struct build build = {.log2_size = scene->frustum.log2_size};
     build.across = 1U << (build.log2_size - BENCH_TILE_LOG2);
@@ -149,7 +148,16 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
     }
     bench_tiles(scene, closed_rule, tile_take, &build);
     const uint32_t root = root_make(&build);
-    must(umb__pool_take(&build.pool, &root, &build.log2_size, 1, &octree, &error), &error);
+    must(umb__pool_take(&build.pool, &root, &build.log2_size, 1, octree, &error), &error);
+    umb__pool_finish(&build.pool);
+    free(build.columns);
+}
+
+struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int closed_rule)
+{
+    struct yardstick_2014 result = {0};
+    struct umb__octree octree;
+    yardstick_2014_octree(scene, closed_rule, &octree);
     for (uint32_t level = 4; level <= UMB_LEVEL_MAX; level++) {
         const struct umb__octree_level *l = &octree.level[level];
         result.nodes += l->count;
@@ -160,8 +168,6 @@ struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int 
     }
     bricks_count(&octree, &result);
     umb__octree_finish(&octree);
-    umb__pool_finish(&build.pool);
-    free(build.columns);
     bench_say("%s %s: %llu bytes in the encoding of 2014 (%llu nodes, %llu bricks, %llu leaves)",
               scene->name, closed_rule ? "closed" : "open", (unsigned long long)result.bytes,
               (unsigned long long)result.nodes, (unsigned long long)result.bricks,

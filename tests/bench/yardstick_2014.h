@@ -14,6 +14,7 @@
  * sections 5 and 6.1.
  */
 #include "bench_scene.h"
+#include "format/octree.h"
 
 struct yardstick_2014 {
     uint64_t bytes;
@@ -27,5 +28,9 @@ struct yardstick_2014 {
  * and counts.
  */
 struct yardstick_2014 yardstick_2014_count(const struct bench_scene *scene, int closed_rule);
+
+/* Builds the octree alone; umb__octree_finish frees it. */
+void yardstick_2014_octree(const struct bench_scene *scene, int closed_rule,
+                           struct umb__octree *octree);
 
 #endif

@@ -35,6 +35,7 @@ static void check(const struct umb_derived *derived)
     FUZZ_DEMAND(derived->count >= 1 && derived->count <= UMB_CASCADES_MAX);
     for (uint32_t i = 0; i < derived->count; i++) {
         FUZZ_DEMAND(derived->maps[i] != NULL);
+        FUZZ_DEMAND(isfinite(derived->contrast[i]) && derived->contrast[i] > 0);
     }
     for (uint32_t i = 0; i + 1 <= derived->count && derived->count > 1; i++) {
         FUZZ_DEMAND(isfinite(derived->splits[i]) && derived->splits[i] < derived->splits[i + 1]);

@@ -37,7 +37,7 @@ def words_of(command):
     """The program and words that start a command, with the arguments that it needs."""
     words = command.split()
     program = words[0]
-    if program == "umbrage" and words[1] in ("render", "points", "aliasing", "study"):
+    if program == "umbrage" and words[1] in ("render", "points", "aliasing", "techniques", "deep", "study"):
         program = "umbrage-study"
     if program == "umbraged":
         return [program, "--store", "x", "--check-config"]
@@ -154,7 +154,7 @@ def tables():
     for row in OPTIONS + [row for rows in ROWS.values() for row in rows if row[1] == "--help"]:
         names = [row[0]]
         words = row[0].split()
-        if words[0] == "umbrage" and words[1] in ("render", "points", "aliasing", "study"):
+        if words[0] == "umbrage" and words[1] in ("render", "points", "aliasing", "techniques", "deep", "study"):
             names.append("umbrage-study " + words[1])
         if row[0] == "umbrage-study verify":
             names.append("umbrage verify")

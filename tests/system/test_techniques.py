@@ -60,6 +60,36 @@ with test.check("from within the scene, more slices of the view are nearer to th
         means = [near[name] for name in family]
         assert means == sorted(means, reverse=True), (family, means)
 
+with test.check("cascades of variance maps have a contrast for each layer, which brings layers together"):
+    run = study("--resolution", "256", "--size", "256x160", "--taps", "9", "--only", "pssm-vsm", "--camera",
+                "eye=2,2,2,target=20,0,20,fov=60", "--json")
+    pssm = {row["name"]: row for row in json.loads(run.stdout)["techniques"]}
+    assert sorted(pssm) == ["pssm-vsm-2", "pssm-vsm-4", "pssm-vsm-4-blend", "pssm-vsm-4-c1"], pssm
+    matched, plain = pssm["pssm-vsm-4"]["seams"], pssm["pssm-vsm-4-c1"]["seams"]
+    assert [seam["jump_c1"] for seam in matched] == [seam["jump"] for seam in plain], (matched, plain)
+    assert all(seam["contrast"] == 1 for seam in plain) and any(seam["contrast"] != 1 for seam in matched), matched
+    assert sum(s["jump"] ** 2 for s in matched) < sum(s["jump"] ** 2 for s in plain), (matched, plain)
+
+with test.check("PCSS over filtered maps, several depths a texel and 2 x 2 comparisons are rows"):
+    assert rows["pcss-msm"]["mean"] < rows["pcss-esm-80"]["mean"], rows
+    assert rows["pcss"]["mean"] <= rows["pcss-msm"]["mean"], rows
+    assert rows["vsm-ms4"]["bytes"] == rows["vsm"]["bytes"] and rows["vsm-ms4"]["mean"] != rows["vsm"]["mean"], rows
+    assert rows["pcf-2x2"]["truth"] == "point" and rows["pcf-2x2"]["bytes"] == rows["map-f32"]["bytes"], rows
+
+with test.check("a lamp has a cube's faces or two paraboloids"):
+    run = study("--resolution", "256", "--size", "96x64", "--taps", "5", "--lamp", "8,6,8", "-o", picture, "--json")
+    assert run.returncode == 0, run.stderr
+    lamp = {row["name"]: row for row in json.loads(run.stdout)["techniques"]}
+    assert len(lamp) == 14, sorted(lamp)
+    for kind in ("cube", "paraboloid"):
+        assert lamp[kind + "-map"]["mean"] < 0.05, lamp
+        for name in ("vsm", "esm-80", "evsm", "msm"):
+            assert lamp[f"{kind}-{name}"]["mean"] > lamp[kind + "-pcf"]["mean"], (kind, name, lamp)
+    bad = study("--lamp", "1,2")
+    assert bad.returncode == 2 and b"--lamp: '1,2' is not a position" in bad.stderr, bad
+    bad = study("--only", "no-such", "--resolution", "64", "--size", "16x10")
+    assert bad.returncode == 2 and b"--only: 'no-such'" in bad.stderr, bad
+
 with test.check("an asset is two rows more, the nearer to the truth the finer it is"):
     means = []
     for resolution in ("256", "2048"):
@@ -109,6 +139,22 @@ with test.check("twice the resolution halves the pixels of a texel"):
     fine = json.loads(twice.stdout)["ways"][0]
     assert abs(fine["median"] / ways["uniform"]["median"] - 0.5) < 1e-6, (fine, ways["uniform"])
 
+with test.check("a lamp's maps are the faces of a cube and two paraboloids, each point in one of them"):
+    run = subprocess.run([ut.program("umbrage"), "aliasing", scene, "--size", "160x90", "--resolution", "512", "--lamp",
+                          "3,40,5", "-o", heat, "--json"], capture_output=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    lamp = {way["way"]: way for way in json.loads(run.stdout)["ways"]}
+    assert sorted(lamp) == ["cube", "paraboloid"] and lamp["cube"]["points"] > 1000, lamp
+    assert [len(lamp[way]["slices"]) for way in ("cube", "paraboloid")] == [6, 2], lamp
+    for way in lamp.values():
+        assert sum(way["histogram"]) == way["points"] == sum(s["points"] for s in way["slices"]), way
+    assert lamp["cube"]["points"] == lamp["paraboloid"]["points"]
+    assert lamp["cube"]["median"] < lamp["paraboloid"]["median"], lamp
+    for words, says in ((("--lamp", "1,2"), b"--lamp"), (("--lamp", "1,2,3", "--way", "slice"), b"cube or paraboloid"),
+                        (("--way", "cube"), b"--lamp")):
+        refused = ut.run("umbrage-study", "aliasing", scene, "--size", "16x9", *words, code=2)
+        assert says in refused.stderr, refused.stderr
+
 with test.check("deep maps equal the products over all hits, with and without links"):
     run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "128", "--size",
                           "80x50", "--epsilon", "0"], capture_output=True, timeout=120, text=True)
@@ -116,6 +162,14 @@ with test.check("deep maps equal the products over all hits, with and without li
     assert "the same bits" in run.stdout, run.stdout
     worst = float(re.search(r"off by at most (\S+)", run.stdout)[1])
     assert worst < 1e-6, run.stdout
+
+with test.check("an exponent only lights, and approaches the plain window as it grows"):
+    run = subprocess.run([ut.program("umbrage"), "deep", scene, "--resolution", "128", "--size", "80x50", "--json"],
+                         capture_output=True, timeout=120, text=True)
+    filters = {row["name"]: row for row in json.loads(run.stdout)["filters"]}
+    means = [filters[name]["window_mean"] for name in ("edsm-30", "edsm-100", "edsm-300", "edsm-1000")]
+    assert means == sorted(means, reverse=True) and abs(means[3] - filters["pcf"]["window_mean"]) < 1e-3, means
+    assert filters["texel"]["point_mean"] < filters["pcf"]["point_mean"], filters
 
 with test.check("maps of moments are never too dark by more than they state, and nearer with more moments"):
     lists = os.path.join(test.folder, "lists.png")

@@ -424,26 +424,34 @@ enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct u
      * the seam. Otherwise the result may be no minimum, but it is never worse than contrast 1. */
     const double golden = 0.61803398874989484820;
     struct umb_map_query query;
-    double low = -10.0, high = 10.0, at[2], value[2] = {0.0, 0.0};
+    double low = -10.0, high = 10.0, value[2] = {0.0, 0.0};
+    double at[2] = {high - golden * (high - low), low + golden * (high - low)};
     UMB__TRY(umb_map_prepare(seam->fine, &seam->fine_filter, &query, error));
     umb_map_run(&query, points, 0, points->count, scratch);
     seam->contrast = 1.0;
     enum umb_status status = seam_difference(seam, 1.0, points, scratch, &seam->difference, error);
     seam->after = seam->difference;
-    for (int step = 0; step < 20 && status == UMB_OK; step++) {
-        at[0] = high - golden * (high - low);
-        at[1] = low + golden * (high - low);
-        for (int k = 0; k < 2 && status == UMB_OK; k++) {
-            status = seam_difference(seam, exp2(at[k]), points, scratch, &value[k], error);
-            if (status == UMB_OK && value[k] < seam->after) {
-                seam->after = value[k];
-                seam->contrast = exp2(at[k]);
-            }
+    /* Each step but the first tries one place; the other is one of the step before. */
+    for (int step = 0, k = 1; step < 22 && status == UMB_OK; step++) {
+        status = seam_difference(seam, exp2(at[k]), points, scratch, &value[k], error);
+        if (status == UMB_OK && value[k] < seam->after) {
+            seam->after = value[k];
+            seam->contrast = exp2(at[k]);
         }
-        if (value[0] <= value[1]) {
+        if (step == 0) {
+            k = 0;
+        } else if (value[0] <= value[1]) {
             high = at[1];
+            at[1] = at[0];
+            value[1] = value[0];
+            k = 0;
+            at[0] = high - golden * (high - low);
         } else {
             low = at[0];
+            at[0] = at[1];
+            value[0] = value[1];
+            k = 1;
+            at[1] = low + golden * (high - low);
         }
     }
     return status;

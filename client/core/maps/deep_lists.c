@@ -4,6 +4,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
 #include "base/memory.h"
 #include "base/try.h"
 #include "maps/deep_parts.h"
@@ -165,9 +168,9 @@ static void links_make(struct umb__deep *deep)
     }
 }
 
-/* Mean length of non-empty lists up to which a stream is faster than links (measured at 7 x 7,
- * docs/results/techniques.md). */
-#define STREAM_MEAN 16U
+/* Mean length of non-empty lists up to which a stream is faster than links: from 28 for smooth
+ * sheets to beyond 40 for hair, at 7 x 7 (`make bench-deep-ways`, docs/results/techniques.md). */
+#define STREAM_MEAN 32U
 
 static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
 {
@@ -270,17 +273,25 @@ void umb__deep_destroy(struct umb__deep *deep, const struct umb_alloc *alloc)
     umb__free(alloc, deep);
 }
 
-static int is_nearer(const struct umb__deep_list *list, uint32_t i, double depth)
+/* Returns the least float that is not below a depth: a node is nearer than the depth exactly if its
+ * own depth is below the result. */
+static float float_from(double depth)
 {
-    return (double)umb__deep_at(list, i)->depth < depth;
+    const float near = depth < 2.0 ? (float)depth : depth >= 2.0 ? 2.0F : 0.0F; /* Last: a NaN */
+    return (double)near < depth && near < 2.0F ? nextafterf(near, INFINITY) : near;
 }
 
-uint32_t umb__deep_search(const struct umb__deep_list *list, double depth)
+static inline int is_nearer(const struct umb__deep_list *list, uint32_t i, float near)
+{
+    return umb__deep_at(list, i)->depth < near;
+}
+
+static inline uint32_t list_search(const struct umb__deep_list *list, float near)
 {
     uint32_t low = 0, high = list->count;
     while (low < high) {
         const uint32_t middle = low + (high - low) / 2;
-        if (is_nearer(list, middle, depth)) {
+        if (is_nearer(list, middle, near)) {
             low = middle + 1;
         } else {
             high = middle;
@@ -289,15 +300,25 @@ uint32_t umb__deep_search(const struct umb__deep_list *list, double depth)
     return low;
 }
 
-uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth)
+static inline uint32_t list_walk(const struct umb__deep_list *list, uint32_t guess, float near)
 {
-    while (guess < list->count && is_nearer(list, guess, depth)) {
+    while (guess < list->count && is_nearer(list, guess, near)) {
         guess++;
     }
-    while (guess > 0 && !is_nearer(list, guess - 1, depth)) {
+    while (guess > 0 && !is_nearer(list, guess - 1, near)) {
         guess--;
     }
     return guess;
+}
+
+uint32_t umb__deep_search(const struct umb__deep_list *list, double depth)
+{
+    return list_search(list, float_from(depth));
+}
+
+uint32_t umb__deep_walk(const struct umb__deep_list *list, uint32_t guess, double depth)
+{
+    return list_walk(list, guess, float_from(depth));
 }
 
 /* A filter's position in one row of its window: a texel's list, and the number of nodes in that
@@ -307,34 +328,39 @@ struct place {
     uint32_t nearer;
 };
 
-static struct umb__deep_list list_at(const struct umb__deep *deep, int64_t x, int64_t y)
+/* In: stride: deep->stride, constant where it is inlined. */
+static inline struct umb__deep_list list_at(const struct umb__deep *deep, size_t stride, int64_t x,
+                                            int64_t y)
 {
     const size_t i = (size_t)y * deep->width + (size_t)x;
-    return (struct umb__deep_list){deep->nodes + deep->first[i] * deep->stride, deep->stride,
+    return (struct umb__deep_list){deep->nodes + deep->first[i] * stride, stride,
                                    (uint32_t)(deep->first[i + 1] - deep->first[i])};
 }
 
-/* Returns the transmittance at a position, in units of 2^-30. Without an exponent it is the light
- * left behind the last node nearer than the receiver, a whole number. With an exponent the light
- * falls to that value exponentially with the depth behind the node. */
-static double place_value(const struct umb__deep *deep, const struct place *place, double depth)
+/* Returns the transmittance at a position, in units of 2^-30: the light left behind the last node
+ * nearer than the receiver, a whole number. */
+static inline uint32_t place_left(const struct place *place)
 {
-    const double one = (double)UMB__DEEP_ONE;
+    return place->nearer > 0 ? umb__deep_at(&place->list, place->nearer - 1)->left : UMB__DEEP_ONE;
+}
+
+/* Returns the same with an exponent: the light falls to that value exponentially with the depth
+ * behind the node. */
+static double place_faded(const struct umb__deep *deep, const struct place *place, double depth)
+{
+    const double left = (double)place_left(place);
     if (place->nearer == 0) {
-        return one;
-    }
-    const struct umb__deep_node *node = umb__deep_at(&place->list, place->nearer - 1);
-    const double left = (double)node->left;
-    if (deep->settings.exponent == 0.0) {
         return left;
     }
-    const double before =
-        place->nearer > 1 ? (double)umb__deep_at(&place->list, place->nearer - 2)->left : one;
+    const struct umb__deep_node *node = umb__deep_at(&place->list, place->nearer - 1);
+    const double before = place->nearer > 1
+                              ? (double)umb__deep_at(&place->list, place->nearer - 2)->left
+                              : (double)UMB__DEEP_ONE;
     return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
 }
 
 /* Returns the number of the node in the next list to which a position's node is linked. */
-static uint32_t place_link(const struct place *place, int upper)
+static inline uint32_t place_link(const struct place *place, int upper)
 {
     if (place->nearer == 0) {
         return 0;
@@ -346,12 +372,10 @@ static uint32_t place_link(const struct place *place, int upper)
 }
 
 /* Moves a position to a neighbouring texel's list, by the link of its node or by a search. */
-static void place_move(const struct umb__deep *deep, const struct place *from, int upper,
-                       struct umb__deep_list list, double depth, struct place *to)
+static inline void place_move(int links, const struct place *from, int upper,
+                              struct umb__deep_list list, float near, struct place *to)
 {
-    to->nearer = deep->way == UMB_MAP_DEEP_LINKS
-                     ? umb__deep_walk(&list, place_link(from, upper), depth)
-                     : umb__deep_search(&list, depth);
+    to->nearer = links ? list_walk(&list, place_link(from, upper), near) : list_search(&list, near);
     to->list = list;
 }
 
@@ -360,57 +384,56 @@ struct window {
     int64_t x0, y0, x1, y1;
 };
 
-/* Prefetches the first reads of the next step to the right. */
-static void place_prefetch(const struct umb__deep *deep, const struct place *place, int64_t x,
-                           int64_t y)
+/*
+ * Sums the transmittance of a window's texels: up the left column, and from each of its texels to
+ * the right. Rows do not wait for each other, so a processor has several in flight.
+ *
+ * In: links, stride, faded: constants, so that each caller has a loop of its own.
+ */
+static inline __attribute__((always_inline)) double rows_sum(const struct umb__deep *deep,
+                                                             const struct window *w, double depth,
+                                                             int links, size_t stride, int faded)
 {
-    if (deep->way == UMB_MAP_DEEP_LINKS) {
-        const struct umb__deep_list next = list_at(deep, x, y);
-        __builtin_prefetch(umb__deep_at(&next, place_link(place, 0)));
+    const float near = float_from(depth);
+    struct place row = {.list = list_at(deep, stride, w->x0, w->y0)};
+    double sum = 0.0;
+    uint64_t whole = 0;
+    row.nearer = list_search(&row.list, near);
+    for (int64_t y = w->y0;;) {
+        struct place place = row;
+        for (int64_t x = w->x0;;) {
+            whole += faded ? 0 : place_left(&place);
+            sum += faded ? place_faded(deep, &place, depth) : 0.0;
+            if (++x >= w->x1) {
+                break;
+            }
+            place_move(links, &place, 0, list_at(deep, stride, x, y), near, &place);
+        }
+        if (++y >= w->y1) {
+            return faded ? sum : (double)whole;
+        }
+        place_move(links, &row, 1, list_at(deep, stride, w->x0, y), near, &row);
     }
 }
 
-/*
- * Sums the transmittance of a window's texels. It starts with the left column and then steps all
- * rows to the right together, so that while one row waits for memory, the others go on.
- */
 static double window_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
-    struct place rows[UMB_MAP_WIDTH_MAX];
-    const int64_t count = w->y1 - w->y0;
-    double sum = 0.0;
-    rows[0].list = list_at(deep, w->x0, w->y0);
-    rows[0].nearer = umb__deep_search(&rows[0].list, depth);
-    for (int64_t i = 1; i < count; i++) {
-        place_move(deep, &rows[i - 1], 1, list_at(deep, w->x0, w->y0 + i), depth, &rows[i]);
+    const int links = deep->way == UMB_MAP_DEEP_LINKS;
+    if (deep->settings.exponent > 0.0) {
+        return rows_sum(deep, w, depth, links, deep->stride, 1);
     }
-    for (int64_t x = w->x0;; x++) {
-        for (int64_t i = 0; i < count; i++) {
-            if (x > w->x0) {
-                place_move(deep, &rows[i], 0, list_at(deep, x, w->y0 + i), depth, &rows[i]);
-            }
-            if (x + 1 < w->x1) {
-                place_prefetch(deep, &rows[i], x + 1, w->y0 + i);
-            }
-            sum += place_value(deep, &rows[i], depth);
-        }
-        if (x + 1 >= w->x1) {
-            return sum;
-        }
-    }
+    return links ? rows_sum(deep, w, depth, 1, sizeof(struct umb__deep_linked), 0)
+                 : rows_sum(deep, w, depth, 0, sizeof(struct umb__deep_node), 0);
 }
 
-/* Returns the bits of the least float that is not below a depth. Floats from 0 on are ordered as
- * their bits are, so a float is nearer than the depth exactly if its bits are below the result. */
+/* Returns the bits of float_from. Floats from 0 on are ordered as their bits are. */
 static uint32_t bits_from(double depth)
 {
-    uint32_t bits;
-    if (!(depth > 0.0)) {
-        return 0;
+    uint32_t bits = 0;
+    const float near = float_from(depth);
+    if (depth > 0.0) {
+        memcpy(&bits, &near, sizeof bits);
     }
-    float near = depth < 2.0 ? (float)depth : 2.0F; /* Behind all nodes */
-    near = (double)near < depth ? nextafterf(near, INFINITY) : near;
-    memcpy(&bits, &near, sizeof bits);
     return bits;
 }
 
@@ -424,27 +447,48 @@ static inline uint64_t drop_before(const struct umb__deep_node *node, uint32_t l
     return node->left & (0U - (uint32_t)(bits < limit));
 }
 
+/* Sums the drops of nodes [i, end) whose depth's bits are below the limit. */
+static uint64_t drops_before(const struct umb__deep_node *nodes, uint64_t i, uint64_t end,
+                             uint32_t limit)
+{
+    uint64_t lost = 0;
+#ifdef __SSE2__
+    /* Two nodes a register, four at once: d0 l0 d1 l1. Bits of depths are below 2^31, so that the
+     * signed comparison is right; a depth's verdict is copied to the drop behind it. */
+    const __m128i limits = _mm_set1_epi32((int)limit);
+    __m128i sums[2] = {_mm_setzero_si128(), _mm_setzero_si128()};
+    for (; i + 4 <= end; i += 4) {
+        for (int k = 0; k < 2; k++) {
+            const __m128i two = _mm_loadu_si128((const __m128i *)(const void *)&nodes[i] + k);
+            const __m128i verdicts =
+                _mm_shuffle_epi32(_mm_cmpgt_epi32(limits, two), _MM_SHUFFLE(2, 2, 0, 0));
+            const __m128i drops = _mm_srli_epi64(_mm_and_si128(two, verdicts), 32);
+            sums[k] = _mm_add_epi64(sums[k], drops);
+        }
+    }
+    uint64_t halves[2];
+    _mm_storeu_si128((__m128i *)(void *)halves, _mm_add_epi64(sums[0], sums[1]));
+    lost = halves[0] + halves[1];
+#endif
+    for (; i < end; i++) {
+        lost += drop_before(&nodes[i], limit);
+    }
+    return lost;
+}
+
 /* Sums the transmittance of a window from streams: 1 for each texel, minus the drops of all nodes
  * nearer than `depth`. */
 static double stream_sum(const struct umb__deep *deep, const struct window *w, double depth)
 {
     const struct umb__deep_node *nodes = (const struct umb__deep_node *)(const void *)deep->nodes;
     const uint32_t limit = bits_from(depth);
-    uint64_t lost[2] = {0, 0}; /* Two sums, so that a node need not wait for the one before */
+    uint64_t lost = 0;
     for (int64_t y = w->y0; y < w->y1; y++) {
         const uint64_t *row = deep->first + (size_t)y * deep->width;
-        const uint64_t end = row[w->x1];
-        uint64_t i = row[w->x0];
-        for (; i + 1 < end; i += 2) {
-            lost[0] += drop_before(&nodes[i], limit);
-            lost[1] += drop_before(&nodes[i + 1], limit);
-        }
-        if (i < end) {
-            lost[0] += drop_before(&nodes[i], limit);
-        }
+        lost += drops_before(nodes, row[w->x0], row[w->x1], limit);
     }
     const uint64_t all = (uint64_t)((w->x1 - w->x0) * (w->y1 - w->y0)) * UMB__DEEP_ONE;
-    return (double)(all - lost[0] - lost[1]);
+    return (double)(all - lost);
 }
 
 static double deep_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,

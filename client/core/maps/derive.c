@@ -12,7 +12,7 @@
 #include "base/try.h"
 #include "base/vec.h"
 #include "maps/derive_parts.h"
-#include "maps/map_view.h"
+#include "maps/map_parts.h"
 #include "umbrage/volume.h"
 
 #define EXPONENT_ESM      80.0
@@ -37,7 +37,7 @@ uint64_t umb_derive_bytes(const struct umb_derive_settings *settings)
     const uint64_t channels = settings->map.technique == UMB_MAP_PCF ? 1 : 4;
     const uint64_t stored = texels * channels * sizeof(float) * 4 / 3 + 4096; /* Mips included */
     return FIXED_BYTES + settings->width * (uint64_t)ROW_BYTES + texels * TEXEL_BYTES +
-           2 * stored * map_count(settings);
+           2 * stored * map_count(settings) + umb__derive_seam_bytes(settings);
 }
 
 static int is_whole_frustum(const double rect[4])
@@ -59,6 +59,28 @@ static enum umb_status rect_check(const double rect[4], double size, struct umb_
                         rect[1], rect[2], rect[3]);
     }
     return UMB_OK;
+}
+
+static enum umb_status contrast_check(const struct umb_derive_settings *settings,
+                                      struct umb_error *error)
+{
+    const enum umb_map_technique technique = settings->map.technique;
+    if (settings->contrast == 0.0 && !settings->match_contrast) {
+        return UMB_OK;
+    }
+    if (technique != UMB_MAP_VSM && technique != UMB_MAP_EVSM) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "contrast, match_contrast: '%s' has none; vsm and evsm have",
+                        technique == UMB_MAP_PCF ? "depth" : umb_map_technique_name(technique));
+    }
+    if (settings->match_contrast && settings->cascades.count == 0) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "match_contrast: one map has no seam; cascades.count must be 1..%d",
+                        UMB_CASCADES_MAX);
+    }
+    return settings->contrast == 0.0
+               ? UMB_OK
+               : umb__check_number("contrast", settings->contrast, 1e-6, 1e6, error);
 }
 
 /* Checks sizes and GPU formats. The functions that use the other settings check them. */
@@ -102,7 +124,10 @@ static enum umb_status settings_check(const struct umb_derive_settings *settings
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "format, access: GPUs filter f32, f16 and u16, as they are or by mips");
     }
-    return UMB_OK;
+    if (map->keep_depth) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "keep_depth: a texture has no depths beside it");
+    }
+    return contrast_check(settings, error);
 }
 
 /* Fills in the defaults of exponents that are 0. */
@@ -294,6 +319,7 @@ enum umb_status umb__derive(const struct umb_asset *asset,
         whole->alloc = &whole->own_alloc;
     }
     derived->count = map_count(settings);
+    derived->contrast = whole->contrast;
     derived->settings = *settings;
     derived->settings.camera = NULL;
     derived->settings.cancelled = NULL;
@@ -302,6 +328,11 @@ enum umb_status umb__derive(const struct umb_asset *asset,
     enum umb_status status = place_maps(asset, settings, view, derived, error);
     if (status == UMB_OK) {
         status = derive_maps(asset, settings, alloc, derived, error);
+    }
+    if (status == UMB_OK) {
+        struct umb_asset_info info;
+        umb_asset_get_info(asset, &info);
+        status = umb__derive_contrasts(whole, view, &info.bounds, error);
     }
     if (status != UMB_OK) {
         umb_derived_destroy(derived);

@@ -81,6 +81,9 @@ static void describe_map(struct plan *plan, const struct umb_derived *derived, u
     if (derived->splits[derived->count] > 0.0) {
         put_numbers(plan, "split", &derived->splits[i], 2);
     }
+    if (derived->settings.contrast > 0.0 || derived->settings.match_contrast) {
+        put(plan, ",\"contrast\":%.17g", derived->contrast[i]);
+    }
     put(plan, "}");
 }
 
@@ -98,6 +101,9 @@ static void describe(struct plan *plan, const struct umb_derived *derived)
     }
     if (map->negative_exponent > 0.0) {
         put(plan, ",\"negative_exponent\":%.17g", map->negative_exponent);
+    }
+    if (derived->settings.cascades.count > 0 && derived->settings.cascades.blend > 0.0) {
+        put(plan, ",\"blend\":%.17g", derived->settings.cascades.blend);
     }
     put_numbers(plan, "to_light", derived->frusta[0].light, 3);
     put(plan, ",\"maps\":[");

@@ -29,18 +29,37 @@ static enum umb_status layer_check(const struct umb_map_frustum *frustum,
     if (UMB__UNKNOWN(layer, "layer", error)) {
         return UMB_E_ARGUMENT;
     }
+    if (layer->samples > UMB__LAYER_SAMPLES_MAX) {
+        return umb_fail(error, UMB_E_ARGUMENT, "layer.samples is %llu; it must be 1..%d",
+                        (unsigned long long)layer->samples, UMB__LAYER_SAMPLES_MAX);
+    }
     const size_t count = (size_t)frustum->width * frustum->height;
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count * umb__layer_samples(layer); i++) {
         if (!(layer->depth[i] >= 0.0F && layer->depth[i] <= 1.0F)) {
             return umb_fail(error, UMB_E_ARGUMENT, "layer.depth[%zu] is %g; it must be 0..1", i,
                             (double)layer->depth[i]);
         }
-        if (layer->slope != NULL &&
-            !(isfinite(layer->slope[2 * i]) && isfinite(layer->slope[2 * i + 1]))) {
+    }
+    for (size_t i = 0; layer->slope != NULL && i < count; i++) {
+        if (!(isfinite(layer->slope[2 * i]) && isfinite(layer->slope[2 * i + 1]))) {
             return umb_fail(error, UMB_E_ARGUMENT, "layer.slope[%zu] is not finite", i);
         }
     }
     return UMB_OK;
+}
+
+/* Checks that a technique can average the samples of a layer. */
+static enum umb_status samples_check(const struct umb_map_layer *layer,
+                                     const struct umb_map_settings *settings,
+                                     struct umb_error *error)
+{
+    return umb__layer_samples(layer) == 1 ||
+                   (techniques[settings->technique]->filterable && !settings->depth_plane)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNSUPPORTED,
+                          "layer.samples is %llu; '%s'%s takes one depth a texel",
+                          (unsigned long long)layer->samples, techniques[settings->technique]->name,
+                          settings->depth_plane ? " with depth_plane" : "");
 }
 
 static enum umb_status settings_check(const struct umb_map_settings *settings,
@@ -63,6 +82,13 @@ static enum umb_status settings_check(const struct umb_map_settings *settings,
     }
     UMB__TRY(umb__check_number("settings.min_variance", settings->min_variance, 0.0, 1.0, error));
     const struct umb__technique *technique = techniques[settings->technique];
+    if (settings->keep_depth &&
+        (!technique->filterable || technique->weigh != NULL || settings->access == UMB_MAP_BASE)) {
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "settings.keep_depth: '%s' with access %d; it is for filterable maps of "
+                        "opaque casters with access %d (MIPS) or %d (SAT)",
+                        technique->name, (int)settings->access, UMB_MAP_MIPS, UMB_MAP_SAT);
+    }
     if (technique->plain != NULL && settings->format != UMB_MAP_F32 &&
         settings->format != UMB_MAP_U16) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "settings.format: %s are F32 or U16",
@@ -90,7 +116,8 @@ static double nearest_depth(const struct umb_map_frustum *frustum,
                             const struct umb_map_layer *layer)
 {
     float nearest = 1.0F;
-    for (size_t i = 0; i < (size_t)frustum->width * frustum->height; i++) {
+    const size_t texels = (size_t)frustum->width * frustum->height;
+    for (size_t i = 0; i < texels * umb__layer_samples(layer); i++) {
         nearest = layer->depth[i] < nearest ? layer->depth[i] : nearest;
     }
     return (double)nearest;
@@ -138,14 +165,19 @@ enum umb_status umb_map_build(const struct umb_map_frustum *frustum,
     *out = NULL;
     UMB__TRY(filtered_check(frustum, settings, 0, error));
     UMB__TRY(layer_check(frustum, layer, error));
+    UMB__TRY(samples_check(layer, settings, error));
     UMB__TRY(map_create(frustum, settings, alloc, &map, error));
     map->nearest = nearest_depth(frustum, layer);
     const struct umb__texels texels = {.layer = layer};
-    return map_give(map,
-                    map->technique->filterable
-                        ? umb__channels_init(&map->channels, map, &texels, error)
-                        : umb__depths_init(&map->depths, map, layer->depth, error),
-                    out);
+    if (!map->technique->filterable) {
+        return map_give(map, umb__depths_init(&map->depths, map, settings->format, layer, error),
+                        out);
+    }
+    enum umb_status status = umb__channels_init(&map->channels, map, &texels, error);
+    if (status == UMB_OK && settings->keep_depth) {
+        status = umb__depths_init(&map->depths, map, UMB_MAP_F32, layer, error);
+    }
+    return map_give(map, status, out);
 }
 
 static enum umb_status deep_settings_check(const struct umb_map_deep_settings *settings,
@@ -278,25 +310,27 @@ static enum umb_status filter_numbers_check(const struct umb_map *map,
 static enum umb_status kernel_check(const struct umb_map *map, const struct umb_map_filter *filter,
                                     struct umb_error *error)
 {
-    const int poisson = filter->kernel == UMB_MAP_POISSON;
+    const int on_reals = filter->kernel != UMB_MAP_BOX;
     const enum umb_map_technique technique = map->settings.technique;
-    if ((unsigned)filter->kernel > UMB_MAP_POISSON) {
+    if ((unsigned)filter->kernel > UMB_MAP_BILINEAR) {
         return umb_fail(error, UMB_E_ARGUMENT, "filter.kernel %d is unknown", (int)filter->kernel);
     }
-    if (poisson && (technique != UMB_MAP_PCF || filter->light_size > 0.0)) {
+    if (on_reals && (technique != UMB_MAP_PCF || filter->light_size > 0.0)) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "filter.kernel: POISSON is for PCF maps, without light_size");
+                        "filter.kernel: POISSON and BILINEAR are for PCF maps, without light_size");
     }
-    if (poisson && (filter->samples < 1 || filter->samples > UMB_MAP_SAMPLES_MAX)) {
+    if (filter->kernel == UMB_MAP_POISSON &&
+        (filter->samples < 1 || filter->samples > UMB_MAP_SAMPLES_MAX)) {
         return umb_fail(error, UMB_E_ARGUMENT, "filter.samples is %u; it must be 1..%d",
                         filter->samples, UMB_MAP_SAMPLES_MAX);
     }
-    if (filter->light_size > 0.0 && technique != UMB_MAP_PCF &&
+    if (filter->light_size > 0.0 && technique != UMB_MAP_PCF && !map->settings.keep_depth &&
         !(technique == UMB_MAP_VSM && map->settings.access == UMB_MAP_SAT)) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "filter.light_size is for PCF maps and for VSM with summed-area tables");
+                        "filter.light_size is for PCF maps, VSM with summed-area tables and maps "
+                        "built with keep_depth");
     }
-    const int on_texels = !map->technique->filterable && !poisson && filter->light_size == 0.0;
+    const int on_texels = !map->technique->filterable && !on_reals && filter->light_size == 0.0;
     if (on_texels && (filter->width != floor(filter->width) || fmod(filter->width, 2.0) != 1.0)) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "filter.width is %g; a box over texels is odd and whole", filter->width);
@@ -331,14 +365,21 @@ enum umb_status umb_map_prepare(const struct umb_map *map, const struct umb_map_
 
 static double filterable_answer(const struct umb__map_query *q, struct umb__receiver *receiver)
 {
-    double at[UMB__MAP_CHANNELS_MAX];
+    double at[UMB__MAP_CHANNELS_MAX], box = q->filter.width, level = q->level;
+    if (q->filter.light_size > 0.0 && q->map->settings.keep_depth) {
+        box = umb__penumbra_search(q, receiver);
+        if (box == 0.0) {
+            return 1.0;
+        }
+        level += log2(box / q->filter.width);
+    }
     /* A filterable technique has one depth for the receiver, which the biases move. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {
         return 1.0;
     }
-    umb__channels_fetch(&q->map->channels, receiver->x, receiver->y, q->level, q->filter.width, at);
+    umb__channels_fetch(&q->map->channels, receiver->x, receiver->y, level, box, at);
     return q->map->technique->answer(q, receiver, at);
 }
 

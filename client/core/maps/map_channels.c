@@ -104,15 +104,23 @@ static double slope_along(const struct umb_map_layer *layer, const struct umb__c
     return isfinite(least) ? least : 0.0;
 }
 
+/* Computes channel k of texel i: the mean over the texel's samples. */
 static double depth_encode(const struct umb_map *map, const struct umb__channels *channels,
                            const struct umb_map_layer *layer, size_t i, uint32_t k)
 {
-    double gain[2] = {0.0, 0.0};
+    double values[UMB__LAYER_SAMPLES_MAX], weights[UMB__LAYER_SAMPLES_MAX], gain[2] = {0.0, 0.0};
+    const size_t samples = umb__layer_samples(layer);
     if (map->settings.depth_plane && layer->depth[i] < 1.0F) {
         gain[0] = 2.0 * slope_along(layer, channels, i, 0);
         gain[1] = 2.0 * slope_along(layer, channels, i, 1);
     }
-    return map->technique->encode(&map->settings, k, 2.0 * (double)layer->depth[i] - 1.0, gain);
+    for (size_t s = 0; s < samples; s++) {
+        const double depth = (double)layer->depth[i * samples + s];
+        values[s] = map->technique->encode(&map->settings, k, 2.0 * depth - 1.0, gain);
+        weights[s] = 1.0 / (double)samples;
+    }
+    return samples > 1 ? umb__channel_mean(channels->exponent[k], values, weights, samples)
+                       : values[0];
 }
 
 static void plane_encode(struct plane *plane, const struct umb_map *map,

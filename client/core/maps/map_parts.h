@@ -14,7 +14,8 @@
 #include "maps/map_receiver.h"
 #include "umbrage/maps.h"
 
-#define UMB__MAP_CHANNELS_MAX 32
+#define UMB__MAP_CHANNELS_MAX  32
+#define UMB__LAYER_SAMPLES_MAX 16 /* Depths of a texel of a layer */
 
 struct umb__technique;
 struct umb__deep;
@@ -175,9 +176,17 @@ static inline double umb__chebyshev(double variance, double distance, double con
     return variance / (variance + contrast * distance * distance);
 }
 
-/* Stores a layer of depths (map_pcf.c). Fails: E_NO_MEMORY. */
+/* Returns the number of depths of each texel of a layer. */
+static inline size_t umb__layer_samples(const struct umb_map_layer *layer)
+{
+    return layer->samples > 0 ? (size_t)layer->samples : 1;
+}
+
+/* Stores a layer of depths, of several samples the nearest (map_pcf.c). Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
-                                             const float *layer, struct umb_error *error);
+                                             enum umb_map_format format,
+                                             const struct umb_map_layer *layer,
+                                             struct umb_error *error);
 void umb__depths_finish(struct umb__depths *depths, const struct umb_map *map);
 
 /*
@@ -199,5 +208,11 @@ void umb__poisson_disc(double (*points)[2], uint32_t count);
  */
 double umb__penumbra_texels(const struct umb__map_query *query,
                             const struct umb__receiver *receiver, double blocker_depth);
+
+/* Returns the number of texels that the receiver's penumbra spans, by the mean of the depths that
+ * block its light; 0 if none does. In: receiver: before its depth is biased. query: of a map with
+ * depths. */
+double umb__penumbra_search(const struct umb__map_query *query,
+                            const struct umb__receiver *receiver);
 
 #endif

@@ -38,11 +38,13 @@ static void texel_store(uint8_t *at, enum umb_map_format format, float depth)
 }
 
 enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
-                                 const float *layer, struct umb_error *error)
+                                 enum umb_map_format format, const struct umb_map_layer *layer,
+                                 struct umb_error *error)
 {
     const size_t count = (size_t)map->frustum.width * map->frustum.height;
-    const unsigned width = format_bytes(map->settings.format);
-    *depths = (struct umb__depths){.format = map->settings.format,
+    const size_t samples = umb__layer_samples(layer);
+    const unsigned width = format_bytes(format);
+    *depths = (struct umb__depths){.format = format,
                                    .width = map->frustum.width,
                                    .height = map->frustum.height,
                                    .bytes = (uint64_t)count * width};
@@ -52,7 +54,11 @@ enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_ma
                         count);
     }
     for (size_t i = 0; i < count; i++) {
-        texel_store((uint8_t *)depths->texels + width * i, depths->format, layer[i]);
+        float nearest = 1.0F;
+        for (size_t s = 0; s < samples; s++) {
+            nearest = fminf(nearest, layer->depth[i * samples + s]);
+        }
+        texel_store((uint8_t *)depths->texels + width * i, format, nearest);
     }
     return UMB_OK;
 }
@@ -97,7 +103,7 @@ static double signed_unit(uint64_t *state)
 }
 
 /* Returns the squared distance to the nearest of the points so far. */
-static double nearest(double (*points)[2], uint32_t count, const double at[2])
+static double nearest_square(double (*points)[2], uint32_t count, const double at[2])
 {
     double least = 8.0;
     for (uint32_t i = 0; i < count; i++) {
@@ -120,7 +126,7 @@ void umb__poisson_disc(double (*points)[2], uint32_t count)
             if (at[0] * at[0] + at[1] * at[1] > 1.0) {
                 continue; /* Ends: pi/4 of all candidates lie inside */
             }
-            const double distance = nearest(points, i, at);
+            const double distance = nearest_square(points, i, at);
             if (distance > best) {
                 best = distance;
                 points[i][0] = at[0];
@@ -241,14 +247,22 @@ static int blockers_find(const struct umb__map_query *query, const struct umb__r
     return count > 0;
 }
 
+double umb__penumbra_search(const struct umb__map_query *query,
+                            const struct umb__receiver *receiver)
+{
+    double blocker = 0.0;
+    return blockers_find(query, receiver, &blocker) ? umb__penumbra_texels(query, receiver, blocker)
+                                                    : 0.0;
+}
+
 static double penumbra_answer(const struct umb__map_query *query,
                               const struct umb__receiver *receiver)
 {
-    double blocker = 0.0, lit = 0.0;
-    if (!blockers_find(query, receiver, &blocker)) {
+    double lit = 0.0;
+    const double width = umb__penumbra_search(query, receiver);
+    if (width == 0.0) {
         return 1.0;
     }
-    const double width = umb__penumbra_texels(query, receiver, blocker);
     const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
     for (int64_t y = ys.first; y <= ys.last; y++) {
         for (int64_t x = xs.first; x <= xs.last; x++) {
@@ -260,6 +274,25 @@ static double penumbra_answer(const struct umb__map_query *query,
     return lit / (width * width);
 }
 
+/* A box of real width around the receiver: the area of the lit texels in it. Texels reach half a
+ * texel beyond the box, which the bias takes into account. */
+static double bilinear_answer(const struct umb__map_query *query,
+                              const struct umb__receiver *receiver)
+{
+    const double width = query->filter.width;
+    const struct span xs = span_make(receiver->x, width), ys = span_make(receiver->y, width);
+    const double depth = umb__biased_depth(query, receiver, width + 1.0);
+    double lit = 0.0;
+    for (int64_t y = ys.first; y <= ys.last; y++) {
+        for (int64_t x = xs.first; x <= xs.last; x++) {
+            if (depth_at(&query->map->depths, x, y) >= depth) {
+                lit += span_share(&xs, x) * span_share(&ys, y);
+            }
+        }
+    }
+    return fmin(lit / (width * width), 1.0);
+}
+
 static double pcf_answer(const struct umb__map_query *query, const struct umb__receiver *receiver,
                          const double *at)
 {
@@ -267,8 +300,15 @@ static double pcf_answer(const struct umb__map_query *query, const struct umb__r
     if (query->filter.light_size > 0.0) {
         return penumbra_answer(query, receiver);
     }
-    return query->filter.kernel == UMB_MAP_POISSON ? poisson_answer(query, receiver)
-                                                   : box_answer(query, receiver);
+    switch (query->filter.kernel) {
+    case UMB_MAP_POISSON:
+        return poisson_answer(query, receiver);
+    case UMB_MAP_BILINEAR:
+        return bilinear_answer(query, receiver);
+    case UMB_MAP_BOX:
+        break;
+    }
+    return box_answer(query, receiver);
 }
 
 static enum umb_status pcf_check(const struct umb_map_settings *settings, struct umb_error *error)

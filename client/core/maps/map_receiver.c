@@ -170,7 +170,9 @@ void umb__receiver_make(const struct umb_map_frustum *frustum, const struct umb_
         return;
     }
     if (has_normal && filter->bias_normal > 0.0) {
-        const double shift = filter->bias_normal * normal_shift(&point, normal, filter->width);
+        /* Texels under a BILINEAR box reach half a texel beyond it. */
+        const double reach = filter->width + (filter->kernel == UMB_MAP_BILINEAR ? 1.0 : 0.0);
+        const double shift = filter->bias_normal * normal_shift(&point, normal, reach);
         for (int k = 0; k < 3; k++) {
             world[k] += shift * normal[k];
         }

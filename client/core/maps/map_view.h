@@ -24,6 +24,8 @@ umb__cascades_plan(const struct umb__map_view *view, const double to_light[3],
                    const struct umb_box *scene, const struct umb_cascade_settings *settings,
                    struct umb_cascade_plan *plan, struct umb_error *error);
 
+#define UMB__SEAM_POINTS 4096 /* Points at which the contrast of a cascade is matched */
+
 /* Derives maps as umb_derive, from a view in place of settings->camera. NULL: no cascades. */
 UMB_CHECKED enum umb_status umb__derive(const struct umb_asset *asset,
                                         const struct umb_derive_settings *settings,

@@ -67,7 +67,7 @@ static double vsm_answer(const struct umb__map_query *query, const struct umb__r
                          const double *at)
 {
     double moments[2] = {at[0], at[1]};
-    if (query->filter.light_size > 0.0) {
+    if (query->filter.light_size > 0.0 && !query->map->settings.keep_depth) {
         const double width = penumbra_width(query, receiver);
         umb__channels_fetch(&query->map->channels, receiver->x, receiver->y, 0.0, width, moments);
     }

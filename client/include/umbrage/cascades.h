@@ -115,7 +115,7 @@ struct umb_cascade_seam {
  *
  * In:    points: along the seam, at least one. scratch: float[2 * points->count].
  * Fails: as umb_map_prepare.
- * Cost:  about 40 runs of the points.
+ * Cost:  24 runs of the points.
  */
 UMB_API UMB_CHECKED enum umb_status umb_cascades_match(struct umb_cascade_seam *seam,
                                                        const struct umb_points *points,

@@ -60,7 +60,11 @@ struct umb_derive_settings {
     struct umb_cascade_settings cascades;
     int (*cancelled)(void *user); /* Called for each row; nonzero stops. May be NULL */
     void *cancel_user;            /* First argument of `cancelled` */
-    uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
+    double contrast; /* VSM, EVSM: contrast C of the maps' filter (umbrage/maps.h), 1e-6..1e6; 0 =
+                           1. With match_contrast: of the first map */
+    int match_contrast; /* 1: the C of each later cascade is the one that hides the seam before it,
+                           by umb_cascades_match at points all over the view at that split */
+    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* The maps of one call: one map, or one for each cascade. Made by umb_derive only. */
@@ -71,8 +75,10 @@ struct umb_derived {
     double splits[UMB_CASCADES_MAX + 1]; /* Splits of cascades, metres along the view */
     struct umb_derive_settings settings; /* Settings, defaults filled in; pointers are NULL */
     uint8_t asset_id[UMB_ID_BYTES];
-    double texel_error_m; /* Stated error of depth, metres: half a voxel along the light */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    double texel_error_m;   /* Stated error of depth, metres: half a voxel along the light */
+    const double *contrast; /* double[count]: contrast C to filter each map with; lives as long as
+                               this struct */
+    uint64_t reserved[3];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -85,7 +91,7 @@ struct umb_derived {
  *        E_UNSUPPORTED (a light that is not directional, a closed asset without front, a technique
  *        or format without a GPU format), E_TOO_LARGE (texels), E_NO_MEMORY, E_CANCELLED.
  * Cost:  a column query a texel, 0.05 to 1 us, and the map's build; about 40 bytes a texel during
- *        the call.
+ *        the call. match_contrast: 15 to 30 ms a seam.
  */
 UMB_API UMB_CHECKED enum umb_status umb_derive(const struct umb_asset *asset,
                                                const struct umb_derive_settings *settings,

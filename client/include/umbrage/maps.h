@@ -85,7 +85,8 @@ enum umb_map_access {
 /* Relation of an answer to the true share of the filter's texels that let light through. */
 enum umb_map_bound {
     UMB_MAP_EXACT = 0,   /* Equal to that share */
-    UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed) */
+    UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed), with a
+                            contrast of at most 1 */
     UMB_MAP_ESTIMATE,    /* Neither: may be above or below */
 };
 
@@ -116,11 +117,13 @@ struct umb_map_frustum {
 
 /* A layer: the depth of the first caster that the light meets through the centre of each texel. */
 struct umb_map_layer {
-    const float *depth;   /* float[height][width], 0..1, 1 = no caster */
+    const float *depth;   /* float[height][width][samples], 0..1, 1 = no caster */
     const float *slope;   /* float[height][width][2]: change of the surface's depth from texel to
                              texel in x and in y, finite. NULL: each change is the smaller
                              difference to the two neighbours */
-    uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t samples;     /* Number of depths a texel, 1..16; 0 = 1. A filterable map averages them,
+                             as a multisampled target is resolved. Not for PCF or `depth_plane` */
+    uint64_t reserved[1]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_map_settings {
@@ -144,12 +147,16 @@ struct umb_map_settings {
                                    absorbed at the receiver's own depth which counts as absorbed. 0:
                                    answers are upper bounds of the light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
-    uint64_t reserved[4];       /* Zero: room for later versions (umbrage/version.h) */
+    int keep_depth;       /* 1: a filterable map with MIPS or SAT keeps its depths too, 4 bytes
+                                   a texel, in which `light_size` searches for blockers (PCSS) */
+    uint64_t reserved[3]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 enum umb_map_kernel {
-    UMB_MAP_BOX = 0,
-    UMB_MAP_POISSON, /* PCF: `samples` points of a disc of diameter `width` */
+    UMB_MAP_BOX = 0,  /* n x n texels around the point's texel */
+    UMB_MAP_POISSON,  /* PCF: `samples` points of a disc of diameter `width` */
+    UMB_MAP_BILINEAR, /* PCF: box of real width around the point itself; texels at its border count
+                         by the covered share. Width 1 is the 2 x 2 comparison of GPUs */
 };
 
 struct umb_map_filter {
@@ -165,11 +172,12 @@ struct umb_map_filter {
     /* Normal bias, 0..100, in the same unit as bias_slope; the point is moved along its normal. */
     double bias_normal;
     /* Size of the light: diameter in radians if directional, else in metres. Above 0 the filter is
-     * as wide as the penumbra, at least 1 texel and at most `width`. Only for PCF with a box, and
-     * for VSM with SAT. */
+     * as wide as the penumbra, at least 1 texel and at most `width`. For PCF with a box, for VSM
+     * with SAT, and for any map with keep_depth. */
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
-    double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6 */
+    double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6.
+                         Above 1 answers fall, and are no upper bounds any more */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -182,7 +190,8 @@ struct umb_map_info {
     uint32_t channels;        /* Numbers a texel; 0 for DEEP */
     uint64_t bytes;           /* Bytes that queries read */
     uint64_t fragments;       /* DEEP: fragments kept in all lists */
-    enum umb_map_bound bound; /* Kind of an answer without `reduction`, in exact arithmetic */
+    enum umb_map_bound bound; /* Kind of an answer without `reduction` and with a contrast of at
+                                 most 1, in exact arithmetic */
     double slack;             /* Stated error of visibility by storage and arithmetic
                                  (docs/explained/numerics-maps.md) */
     uint64_t reserved[4];     /* Zero: room for later versions (umbrage/version.h) */

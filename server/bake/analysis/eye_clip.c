@@ -62,7 +62,9 @@ void umbb_eye_clip(const struct umbb_pyramid *pyramid, const double triangle[3][
         for (size_t i = 0; i < polygon->count; i++) {
             outside += inside(pyramid, plane, polygon->corners[i]) < 0.0;
         }
-        if (outside > 0) {
+        if (outside == (int)polygon->count) {
+            polygon->count = 0;
+        } else if (outside > 0) {
             const struct umbb_polygon before = *polygon;
             cut_polygon(pyramid, plane, &before, polygon);
         }

@@ -26,7 +26,7 @@ struct loop {
     const struct umbb_bake_options *options;
     struct umb__pool *pool; /* shared by all frusta */
     struct umbu_threads *jobs;
-    struct umbb_tile tiles[2];
+    struct umbb_tile own[2], *tiles; /* `tiles`: the options', else `own` */
     struct umbb_squares *squares;
     struct umbb_runs runs;       /* working stack */
     struct umbb_runs kept;       /* runs of the tiles' columns */
@@ -65,6 +65,19 @@ static uint32_t grid_width(const struct umbb_bake_options *options)
     return 1U << (options->log2_size - options->tile_log2);
 }
 
+/* Allocates a tile unless an earlier frustum left one of the same shape. */
+static enum umb_status tile_reserve(struct umbb_tile *tile, const struct umbb_bake_options *o,
+                                    struct umb_error *error)
+{
+    const int closed_rule = o->closed_rule || o->rule != NULL;
+    if (tile->memory != NULL && tile->log2_size == o->tile_log2 &&
+        (tile->end != tile->lit) == closed_rule) {
+        return UMB_OK;
+    }
+    umbb_tile_finish(tile);
+    return umbb_tile_init(tile, o->tile_log2, closed_rule, error);
+}
+
 static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
 {
     const struct umbb_bake_options *o = loop->options;
@@ -73,8 +86,7 @@ static enum umb_status loop_init(struct loop *loop, struct umb_error *error)
     UMB__TRY(umbb_squares_create(o->tile_log2, &loop->squares, error));
     const int slots = o->tile_log2 == o->log2_size ? 1 : 2;
     for (int i = 0; i < slots; i++) {
-        UMB__TRY(umbb_tile_init(&loop->tiles[i], o->tile_log2, o->closed_rule || o->rule != NULL,
-                                error));
+        UMB__TRY(tile_reserve(&loop->tiles[i], o, error));
     }
     const size_t n = grid_width(o);
     loop->columns = calloc(n * n, sizeof *loop->columns);
@@ -94,8 +106,8 @@ static void loop_finish(struct loop *loop)
 {
     umbu_threads_destroy(loop->jobs);
     umbb_squares_destroy(loop->squares);
-    umbb_tile_finish(&loop->tiles[0]);
-    umbb_tile_finish(&loop->tiles[1]);
+    umbb_tile_finish(&loop->own[0]);
+    umbb_tile_finish(&loop->own[1]);
     umbb_runs_finish(&loop->runs);
     umbb_runs_finish(&loop->kept);
     free(loop->columns);
@@ -442,6 +454,7 @@ enum umb_status umbb_bake_into(const struct umbb_depth *depth,
                         .options = options,
                         .pool = pool,
                         .only = options->only_end > options->only_first};
+    loop.tiles = options->tiles != NULL ? options->tiles : loop.own;
     atomic_init(&loop.texels_done, 0);
     atomic_init(&loop.failed, 0);
     const enum umb_status status = loop_run(&loop, root, error);

@@ -82,6 +82,9 @@ struct umbb_bake_options {
      * other tiles are left out; the pool is empty after the bake, and there is no root. */
     uint32_t only_first, only_end;
     const struct umbb_cached_tiles *cached_tiles; /* may be NULL; borrowed */
+    /* [2] Memory of tiles, zeroed before the first of several frusta and kept from one to the next,
+     * because fresh pages cost time. The caller finishes both. NULL: memory for this bake alone. */
+    struct umbb_tile *tiles;
     /* Receives the first occluders; NULL: they are not kept. With an occluder depth map no square
      * is proven from bounds, and a tile cache keeps first occluders too. */
     struct umb__occluder_depth *occluder_depth;

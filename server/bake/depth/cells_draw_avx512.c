@@ -4,9 +4,12 @@
  * parts of the cell lower these registers, one part after the other. The operations are those of
  * the predicate in the same order, never fused, so the bits are the same.
  *
- * A register holds ceil(2 z) for each depth z. Then lit is half of ceil(2 z), rounded down, because
- * ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of numbers. So minimum and
- * clamp may come before the halving, which is done once a cell.
+ * Parallel light: a register holds ceil(2 z) for each depth z. Then lit is half of ceil(2 z),
+ * rounded down, because ceil(z - 0.5) = floor(ceil(2 z) / 2). Both roundings keep the order of
+ * numbers. So minimum and clamp may come before the halving, which is done once a cell.
+ *
+ * Rays from one point: a register holds one row's greatest q (depth_perspective.h). lit never grows
+ * with q, so the greatest q gives the least lit, and one division a texel is enough for all parts.
  */
 #include "bake/depth/depth_cells.h"
 
@@ -96,6 +99,102 @@ static inline struct texels all_of(int32_t value)
     return (struct texels){{v, v, v, v}};
 }
 
+/* Greatest q of each texel of a cell; 0 where nothing is drawn. A row in each register. */
+struct reciprocals {
+    __m512d rows[8];
+};
+
+static inline void part_draw_meeting(const struct umbb_plane *k, uint64_t bits,
+                                     const struct place *place, struct reciprocals *most)
+{
+    const __m512d slopes = _mm512_mul_pd(_mm512_set1_pd(k->gradient_x),
+                                         _mm512_sub_pd(place->x, _mm512_set1_pd(k->anchor_x)));
+    const __m512d row_q =
+        _mm512_add_pd(_mm512_set1_pd(k->anchor_z),
+                      _mm512_mul_pd(_mm512_set1_pd(k->gradient_y),
+                                    _mm512_sub_pd(place->y, _mm512_set1_pd(k->anchor_y))));
+    const __m512d q_min = _mm512_set1_pd(k->z_min), q_max = _mm512_set1_pd(k->z_max);
+    double row[8];
+    _mm512_storeu_pd(row, row_q);
+    for (size_t i = 0; i < 8; i++, bits >>= 8) {
+        __m512d q = _mm512_add_pd(_mm512_set1_pd(row[i]), slopes);
+        q = _mm512_min_pd(_mm512_max_pd(q, q_min), q_max); /* NaN becomes q_min */
+        most->rows[i] =
+            _mm512_mask_max_pd(most->rows[i], (__mmask8)(bits & 0xffU), most->rows[i], q);
+    }
+}
+
+/* Returns lit of a row, as umbb_reciprocal_lit. q = 0 gives an infinite z, so the background. */
+static inline __m256i reciprocal_lit(const struct umbb_rays *rays, __m512d q)
+{
+    __m512d z =
+        _mm512_add_pd(_mm512_div_pd(_mm512_set1_pd(rays->scale), q), _mm512_set1_pd(rays->offset));
+    z = _mm512_min_pd(_mm512_max_pd(z, _mm512_setzero_pd()), _mm512_set1_pd(rays->size));
+    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+}
+
+/* Two rows of texels. */
+static inline __m512i two_rows(__m256i low, __m256i high)
+{
+    return _mm512_inserti64x4(_mm512_castsi256_si512(low), high, 1);
+}
+
+/*
+ * Converts q to lit. Often all texels of each column have one lit: on walls along the columns, and
+ * wherever a voxel is deeper than the surface's slope in a cell. Two divisions show it, because lit
+ * never grows with q.
+ */
+static inline void reciprocals_lit(const struct umbb_rays *rays, const struct reciprocals *q,
+                                   struct texels *texels)
+{
+    __m512d most = q->rows[0], least = q->rows[0];
+    for (size_t i = 1; i < 8; i++) {
+        most = _mm512_max_pd(most, q->rows[i]);
+        least = _mm512_min_pd(least, q->rows[i]);
+    }
+    const __m256i first = reciprocal_lit(rays, most), last = reciprocal_lit(rays, least);
+    if (_mm256_cmpeq_epi32_mask(first, last) == 0xff) {
+        *texels = (struct texels){{two_rows(first, first), two_rows(first, first),
+                                   two_rows(first, first), two_rows(first, first)}};
+        return;
+    }
+    for (size_t i = 0; i < 4; i++) {
+        texels->rows[i] = two_rows(reciprocal_lit(rays, q->rows[2 * i]),
+                                   reciprocal_lit(rays, q->rows[2 * i + 1]));
+    }
+}
+
+/* cell_draw for rays that meet in one point. */
+static inline void cell_draw_meeting(const struct umbb_cells *cells,
+                                     const struct umbb_cell_layer *layer, size_t cell,
+                                     const struct place *place, struct texels *texels)
+{
+    const struct umbb_parts *parts = &cells->parts;
+    const int32_t far = layer->far[cell];
+    const __m512d none = _mm512_setzero_pd();
+    struct reciprocals most = {{none, none, none, none, none, none, none, none}};
+    for (size_t at = layer->first[cell]; at != 0;) {
+        const uint32_t link = parts->link[at];
+        if (parts->nearest[at] <= far) {
+            part_draw_meeting(&cells->planes[link >> 16], parts->bits[at], place, &most);
+        }
+        at = link & 0xffffU;
+    }
+    reciprocals_lit(&cells->rays, &most, texels);
+}
+
+/* Draws the parts of a layer's cell as lit: the background where there is none. */
+static inline void layer_draw(const struct umbb_cells *cells, const struct umbb_cell_layer *layer,
+                              size_t cell, const struct place *place, struct texels *texels)
+{
+    if (umbb_rays_meet(&cells->rays) && layer->first[cell] != 0) {
+        cell_draw_meeting(cells, layer, cell, place, texels);
+        return;
+    }
+    *texels = all_of(2 * cells->background);
+    cell_draw(cells, layer, cell, place, texels);
+}
+
 static void draw(struct umbb_cells *cells, int32_t *layers)
 {
     const size_t count = (size_t)(cells->n >> 3) * (size_t)(cells->n >> 3);
@@ -106,8 +205,8 @@ static void draw(struct umbb_cells *cells, int32_t *layers)
                 continue;
             }
             const struct place place = place_of(cells, cell);
-            struct texels texels = all_of(2 * cells->background);
-            cell_draw(cells, layer, cell, &place, &texels);
+            struct texels texels;
+            layer_draw(cells, layer, cell, &place, &texels);
             for (size_t k = 0; k < 4; k++) {
                 /* The layer keeps the least of its old texels and the new ones. */
                 int32_t *at = layers + 64 * cell + 16 * k;
@@ -157,9 +256,9 @@ static inline void open_store(const struct umbb_cells *cells, size_t cell, struc
     int32_t most = cells->background, least = cells->background;
     if (layer->first[cell] != 0) {
         const struct place place = place_of(cells, cell);
-        struct texels texels = all_of(2 * cells->background);
+        struct texels texels;
         texels_ask(tile->lit + 64 * (to + AHEAD));
-        cell_draw(cells, layer, cell, &place, &texels);
+        layer_draw(cells, layer, cell, &place, &texels);
         texels_write(tile->lit + 64 * to, &texels);
         most = _mm512_reduce_max_epi32(most_of(&texels));
         least = _mm512_reduce_min_epi32(least_of(&texels));
@@ -180,8 +279,7 @@ static inline void closed_store(const struct umbb_cells *cells, size_t cell, str
         const __m512i background = _mm512_set1_epi32(cells->background);
         struct texels nearest[UMBB_LAYER_COUNT], lit, end;
         for (size_t i = 0; i < UMBB_LAYER_COUNT; i++) {
-            nearest[i] = all_of(2 * cells->background);
-            cell_draw(cells, &layers[i], cell, &place, &nearest[i]);
+            layer_draw(cells, &layers[i], cell, &place, &nearest[i]);
         }
         for (size_t i = 0; i < 4; i++) { /* as umbb_texel_decide */
             const __m512i front = nearest[UMBB_LAYER_FRONT].rows[i];

@@ -40,7 +40,7 @@ struct band {
     const struct plane *plane;
     size_t cell;         /* index of its first cell in the canvas */
     __m256i first, last; /* texels covered in each row; INT32_MAX .. -1 if there are none */
-    double z[8];         /* depth of each row at the anchor's x */
+    double z[8];         /* third coordinate of each row at the anchor's x */
     int32_t least, most; /* least of first, greatest of last */
     uint64_t front;      /* a byte a row: all ones if the row goes to the canvas's front */
 };
@@ -90,7 +90,7 @@ static inline void band_find(const struct plane *k, const struct umbb_cells *cel
         _mm512_add_pd(_mm512_set1_pd(c->x[0]), _mm512_mul_pd(below, _mm512_set1_pd(c->slope[2])));
     two = _mm512_max_pd(two, _mm512_set1_pd(k->x_min[2]));
     two = _mm512_min_pd(two, _mm512_set1_pd(k->x_max[2]));
-    /* Depth at the anchor's x, which all texels of a row share. */
+    /* Third coordinate at the anchor's x, which all texels of a row share. */
     _mm512_storeu_pd(band->z, _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
                                             _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), below)));
     /* The covered centres lie between the crossings: round up to the first, down to the last
@@ -141,17 +141,30 @@ static inline __m512i cell_bits(const struct band *band, int32_t x)
     return _mm512_permutexvar_epi16(turn, _mm512_shuffle_epi8(rows, pairs));
 }
 
+/* Returns lit of eight fragments of a triangle from their third coordinates, as umbb_rays_lit. */
+static inline __m256i lit_of(const struct umbb_rays *rays, const struct umbb_coverage *c,
+                             __m512d third)
+{
+    __m512d z = _mm512_max_pd(third, _mm512_set1_pd(c->z_min));
+    z = _mm512_min_pd(z, _mm512_set1_pd(c->z_max));
+    if (umbb_rays_meet(rays)) {
+        z = _mm512_add_pd(_mm512_div_pd(_mm512_set1_pd(rays->scale), z),
+                          _mm512_set1_pd(rays->offset));
+        z = _mm512_min_pd(_mm512_max_pd(z, _mm512_setzero_pd()), _mm512_set1_pd(rays->size));
+    }
+    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+}
+
 /* Returns a bound of lit in each of eight cells: the predicate's value at the nearest (or farthest)
- * texel. z: depth of that texel's row at the anchor. off: distance from a cell's first texel. */
-static inline __m256i bounds(const struct umbb_coverage *c, double z, __m512d first_x, double off)
+ * texel. z: third coordinate of that texel's row at the anchor. off: distance from a cell's first
+ * texel. */
+static inline __m256i bounds(const struct umbb_rays *rays, const struct umbb_coverage *c, double z,
+                             __m512d first_x, double off)
 {
     const __m512d centre = _mm512_add_pd(first_x, _mm512_set1_pd(off));
     const __m512d slope = _mm512_mul_pd(_mm512_set1_pd(c->gradient_x),
                                         _mm512_sub_pd(centre, _mm512_set1_pd(c->x[0])));
-    __m512d depth = _mm512_add_pd(_mm512_set1_pd(z), slope);
-    depth = _mm512_max_pd(depth, _mm512_set1_pd(c->z_min));
-    depth = _mm512_min_pd(depth, _mm512_set1_pd(c->z_max));
-    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(depth, _mm512_set1_pd(0.5)), UP);
+    return lit_of(rays, c, _mm512_add_pd(_mm512_set1_pd(z), slope));
 }
 
 /* Parts of one triangle in eight neighbouring cells. */
@@ -222,8 +235,8 @@ static inline void band_note(struct umbb_cells *cells, const struct band *band,
         const size_t cell = band->cell + (size_t)(x >> 3);
         struct found found = {
             .bits = bits,
-            .nearest = bounds(c, band->z[k->near_y], first_x, k->near_x),
-            .farthest = bounds(c, band->z[k->far_y], first_x, k->far_x),
+            .nearest = bounds(&cells->rays, c, band->z[k->near_y], first_x, k->near_x),
+            .farthest = bounds(&cells->rays, c, band->z[k->far_y], first_x, k->far_x),
             .plane = k->number,
         };
         if (front != back) {
@@ -248,7 +261,8 @@ static inline double most(double a, double b)
     return a < b ? b : a;
 }
 
-static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
+static inline void plane_init(struct plane *k, const struct umbb_rays *rays,
+                              const struct umbb_coverage *c)
 {
     k->coverage = c;
     for (size_t edge = 0; edge < 3; edge++) {
@@ -259,11 +273,11 @@ static inline void plane_init(struct plane *k, const struct umbb_coverage *c)
     k->left = least(k->x_min[2], c->x[1]);
     k->right = most(k->x_max[2], c->x[1]);
     k->corner_off = c->x[1] - (c->x[0] + (c->y[1] - c->y[0]) * c->slope[2]);
-    /* Depth falls with x if the gradient is negative: the nearest column is then the last one. */
-    k->near_x = c->gradient_x < 0.0 ? 7.5 : 0.5;
-    k->far_x = 8.0 - k->near_x;
-    k->near_y = c->gradient_y < 0.0 ? 7 : 0;
-    k->far_y = 7 - k->near_y;
+    /* Where lit grows with x the nearest column is the first one. */
+    k->far_x = umbb_rays_grow(rays, c->gradient_x) ? 7.5 : 0.5;
+    k->near_x = 8.0 - k->far_x;
+    k->far_y = umbb_rays_grow(rays, c->gradient_y) ? 7 : 0;
+    k->near_y = 7 - k->far_y;
 }
 
 /* Depths from which a layer hides everything behind. */
@@ -363,11 +377,12 @@ static inline struct eight eight_bands(const struct plane *k, int32_t row)
  * Returns a bound of lit in each band: no texel of the triangle lies before this bound.
  *
  * Why: all operations of the predicate, rounded or not, are monotone in x and in y. So the least
- * depth is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y
+ * lit is that at the nearest row (near_y) and at the nearest end of the range of x. The row's y
  * is computed as in the predicate, because adding seven to `below` would round twice. The range of
  * x holds all centres, and may be too wide: then the bound is only lower.
  */
-static inline __m256i eight_bounds(const struct plane *k, const struct eight *bands)
+static inline __m256i eight_bounds(const struct plane *k, const struct umbb_rays *rays,
+                                   const struct eight *bands)
 {
     const struct umbb_coverage *c = k->coverage;
     const __m256i row = _mm256_add_epi32(bands->rows, _mm256_set1_epi32((int32_t)k->near_y));
@@ -378,8 +393,7 @@ static inline __m256i eight_bounds(const struct plane *k, const struct eight *ba
     __m512d z = _mm512_add_pd(_mm512_set1_pd(c->anchor_z),
                               _mm512_mul_pd(_mm512_set1_pd(c->gradient_y), below));
     z = _mm512_add_pd(z, _mm512_mul_pd(_mm512_set1_pd(c->gradient_x), x));
-    z = _mm512_min_pd(_mm512_max_pd(z, _mm512_set1_pd(c->z_min)), _mm512_set1_pd(c->z_max));
-    return _mm512_cvt_roundpd_epi32(_mm512_sub_pd(z, _mm512_set1_pd(0.5)), UP);
+    return lit_of(rays, c, z);
 }
 
 /* Columns of cells in which x lies, clipped to the canvas. */
@@ -401,7 +415,7 @@ static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells
                                   const struct hiding hiding[2], int32_t row, int32_t last)
 {
     const struct eight bands = eight_bands(k, row);
-    const __m256i lit = eight_bounds(k, &bands);
+    const __m256i lit = eight_bounds(k, &cells->rays, &bands);
     /* Lanes after the last band read an existing cell; the mask at the end drops them. */
     const size_t at_band = (size_t)(row - cells->y0) >> 3;
     const int32_t count = ((last - row) >> 3) + 1, across = cells->n >> 3;
@@ -447,10 +461,14 @@ static inline uint32_t triangle_seen(const struct plane *k, const struct umbb_ce
 }
 
 /* True if all of a triangle lies behind everything in both layers. */
-static inline int triangle_hidden(const struct umbb_coverage *c, const struct hiding *hiding)
+static inline int triangle_hidden(const struct umbb_rays *rays, const struct umbb_coverage *c,
+                                  const struct hiding *hiding)
 {
-    return hiding != NULL && umbb_coverage_round(c->z_min) >= hiding[0].all_far &&
-           umbb_coverage_round(c->z_min) >= hiding[1].all_far;
+    if (hiding == NULL) {
+        return 0;
+    }
+    const int32_t nearest = umbb_rays_nearest(rays, c);
+    return nearest >= hiding[0].all_far && nearest >= hiding[1].all_far;
 }
 
 /* Triangles being noted. */
@@ -473,10 +491,10 @@ static size_t planes_take(struct work *work, struct umbb_cells *cells,
         struct plane *k = &work->planes[taken];
         k->coverage = c;
         work->seen[taken] = 0;
-        if (triangle_hidden(c, hiding)) {
+        if (triangle_hidden(&cells->rays, c, hiding)) {
             continue;
         }
-        plane_init(k, c);
+        plane_init(k, &cells->rays, c);
         work->seen[taken] = triangle_seen(k, cells, hiding);
         k->number = (uint16_t)cells->plane_count;
         cells->planes[cells->plane_count] = (struct umbb_plane){
@@ -485,6 +503,8 @@ static size_t planes_take(struct work *work, struct umbb_cells *cells,
             .anchor_z = c->anchor_z,
             .gradient_x = c->gradient_x,
             .gradient_y = c->gradient_y,
+            .z_min = c->z_min,
+            .z_max = c->z_max,
             .lit_min = umbb_coverage_round(c->z_min),
             .lit_max = umbb_coverage_round(c->z_max),
         };

@@ -2,12 +2,11 @@
 #ifndef UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_H
 #define UMBRAGE_SERVER_BAKE_DEPTH_DEPTH_H
 /*
- * Depth paths: three ways from casters to the texels of tiles. All give the same integers, because
- * coverage.h decides every texel.
+ * Depth paths: two ways from casters to the texels of tiles. Both give the same integers, because
+ * coverage.h and depth_perspective.h decide every texel.
  *
- * Raster: scan conversion for parallel light. Perspective: scan conversion for spot and point
- * lights (depth_perspective.h). Embree: one ray a texel for any light, slower by an order of
- * magnitude. Embree only proposes candidates: every triangle is a user primitive with a padded box.
+ * Raster: scan conversion. Embree: one ray a texel, slower by an order of magnitude. Embree only
+ * proposes candidates: every triangle is a user primitive with a padded box.
  *
  *     umbb_depth_raster_create(&casters, &options, &depth, &error);
  *     for every tile: depth.begin(depth.state, slot, &tile, &error);
@@ -53,8 +52,7 @@ typedef enum umb_status umbb_depth_create_fn(const struct umbb_casters *casters,
                                              const struct umbb_depth_options *options,
                                              struct umbb_depth *depth, struct umb_error *error);
 
-UMB_CHECKED umbb_depth_create_fn umbb_depth_raster_create; /* needs casters of parallel light */
-UMB_CHECKED umbb_depth_create_fn umbb_depth_perspective_create; /* needs depth_scale above 0 */
+UMB_CHECKED umbb_depth_create_fn umbb_depth_raster_create;
 UMB_CHECKED umbb_depth_create_fn umbb_depth_embree_create;
 
 #endif

@@ -26,7 +26,8 @@
 /* Values of a coverage that all texels of a triangle share. */
 struct umbb_plane {
     double anchor_x, anchor_y, anchor_z, gradient_x, gradient_y;
-    int32_t lit_min, lit_max;
+    double z_min, z_max;      /* range of the third coordinate */
+    int32_t lit_min, lit_max; /* z_min and z_max of parallel light as lit */
 };
 
 /* Number of entries beyond the last that kernels may touch, because they handle eight cells, parts
@@ -55,7 +56,8 @@ struct umbb_cells {
     struct umbb_cell_layer layers[UMBB_LAYER_COUNT];
     int32_t x0, y0, n;  /* square of the map, as in a canvas */
     int32_t background; /* voxels a side of the map */
-    int layer_count;    /* 1: only UMBB_LAYER_OPEN; or UMBB_LAYER_COUNT */
+    struct umbb_rays rays;
+    int layer_count; /* 1: only UMBB_LAYER_OPEN; or UMBB_LAYER_COUNT */
     uint32_t plane_count, part_count;
 };
 
@@ -70,9 +72,9 @@ struct umbb_sides {
 };
 
 /* Returns 1 if every depth computed for the cells of a triangle, doubled, fits an int32_t without a
- * clamp. A grazing triangle may not fit, because its slope has no limit; such a triangle must be
- * drawn by umbb_draw_plain. */
-int umbb_cells_can_note(const struct umbb_coverage *coverage);
+ * clamp. Under parallel light a grazing triangle may not fit, because its slope has no limit; such
+ * a triangle must be drawn by umbb_draw_plain. */
+int umbb_cells_can_note(const struct umbb_rays *rays, const struct umbb_coverage *coverage);
 
 /* The steps, with the same bits as umbb_draw_plain and umbb_store_plain. */
 struct umbb_cells_steps {

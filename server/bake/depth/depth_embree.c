@@ -79,7 +79,8 @@ static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args
         return;
     }
     const double row_z = umbb_coverage_row_z(&coverage, texel->y);
-    const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, texel->x);
+    const struct umbb_rays rays = umbb_rays_of(casters);
+    const int32_t lit = umbb_rays_lit(&rays, &coverage, row_z, texel->x);
     int32_t *nearest =
         &texel->nearest[umbb_layer_of(umbb_caster_kind(casters, args->primID), front)];
     *nearest = lit < *nearest ? lit : *nearest;

@@ -47,7 +47,7 @@ void umbb_draw_cut(const struct umbb_cuts *cuts, uint32_t cut, const struct umbb
         int32_t *line = (front ? canvas->front : canvas->back) +
                         umbb_canvas_row((size_t)canvas->n, (size_t)(row - canvas->y0));
         for (int32_t x = span[0]; x <= span[1]; x++) {
-            const int32_t lit = umbb_coverage_lit(coverage, row_z, x);
+            const int32_t lit = umbb_rays_lit(&canvas->rays, coverage, row_z, x);
             const size_t column = (size_t)(x - canvas->x0);
             int32_t *at = line + 64 * (column >> 3) + (column & 7);
             if (lit < *at && (cuts == NULL || umbb_cut_casts(cuts, cut, x, row))) {
@@ -120,8 +120,11 @@ void umbb_cells_begin(struct umbb_cells *cells, int32_t n, int32_t x0, int32_t y
     }
 }
 
-int umbb_cells_can_note(const struct umbb_coverage *c)
+int umbb_cells_can_note(const struct umbb_rays *rays, const struct umbb_coverage *c)
 {
+    if (umbb_rays_meet(rays)) {
+        return 1; /* q and z are clamped before z becomes an integer */
+    }
     double left = c->x[0] < c->x[1] ? c->x[0] : c->x[1];
     double right = c->x[0] < c->x[1] ? c->x[1] : c->x[0];
     left = left < c->x[2] ? left : c->x[2];

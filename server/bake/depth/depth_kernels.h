@@ -11,8 +11,7 @@
  * touches few cache lines, none of them a power of two apart.
  */
 #include "bake/base/vectors.h"
-#include "bake/depth/coverage.h"
-#include "bake/depth/tile.h"
+#include "bake/depth/depth_perspective.h"
 
 /* Texels a side of the largest canvas. */
 #define UMBB_CANVAS_MAX 256
@@ -24,6 +23,7 @@
 struct umbb_canvas {
     int32_t x0, y0; /* first texel */
     int32_t n;      /* texels a side: a multiple of 8, at most UMBB_CANVAS_MAX */
+    struct umbb_rays rays;
     int32_t *front; /* int32[n * n], by 8x8 blocks: layer of the rows that face the light */
     int32_t *back;  /* layer of the other rows; may be the same as front */
     /* [n/8 * n/8] Bound of the greatest texel of each 8x8 block of front and of back; the same

@@ -49,10 +49,12 @@ struct band {
 /* Values that all texels of a triangle share. */
 struct plane {
     const struct umbb_coverage *coverage;
+    const struct umbb_rays *rays;
+    int meet; /* umbb_rays_meet(rays) */
     __m256d gradient, anchor_x;
-    __m256i lit_min, lit_max;
-    double near_x; /* x from a cell's first texel to the centre of its nearest column */
-    size_t near_y; /* nearest row of a band */
+    __m256i lit_min, lit_max; /* of parallel light */
+    double near_x;            /* x from a cell's first texel to the centre of its nearest column */
+    size_t near_y;            /* nearest row of a band */
 };
 
 static inline void edges_init(struct edges *e, const struct umbb_coverage *c,
@@ -150,6 +152,17 @@ static inline __m128i four_lit(__m256d z)
     return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(z, _mm256_set1_pd(0.5))));
 }
 
+/* lit of four third coordinates for rays that meet in one point, as umbb_reciprocal_lit. */
+static inline __m128i four_reciprocals_lit(const struct plane *k, __m256d q)
+{
+    q = _mm256_max_pd(q, _mm256_set1_pd(k->coverage->z_min));
+    q = _mm256_min_pd(q, _mm256_set1_pd(k->coverage->z_max));
+    __m256d z = _mm256_add_pd(_mm256_div_pd(_mm256_set1_pd(k->rays->scale), q),
+                              _mm256_set1_pd(k->rays->offset));
+    z = _mm256_min_pd(_mm256_max_pd(z, _mm256_setzero_pd()), _mm256_set1_pd(k->rays->size));
+    return four_lit(z);
+}
+
 /* The part of the depth that depends on x, for the eight columns of a cell. */
 struct slopes {
     __m256d low, high;
@@ -172,6 +185,11 @@ static inline struct slopes slopes_at(const struct plane *k, int32_t x)
 static inline __m256i row_lit(const struct plane *k, const struct slopes *s, double z)
 {
     const __m256d row_z = _mm256_set1_pd(z);
+    if (k->meet) {
+        const __m128i first = four_reciprocals_lit(k, _mm256_add_pd(row_z, s->low));
+        const __m128i next = four_reciprocals_lit(k, _mm256_add_pd(row_z, s->high));
+        return _mm256_inserti128_si256(_mm256_castsi128_si256(first), next, 1);
+    }
     const __m128i low = four_lit(_mm256_add_pd(row_z, s->low));
     const __m128i high = four_lit(_mm256_add_pd(row_z, s->high));
     const __m256i lit = _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
@@ -226,6 +244,9 @@ static inline int is_hidden(const struct plane *k, const struct band *band, int3
     double z = band->z[k->near_y] + c->gradient_x * (((double)x + k->near_x) - c->x[0]);
     z = z > c->z_min ? z : c->z_min;
     z = z < c->z_max ? z : c->z_max;
+    if (k->meet) {
+        return umbb_reciprocal_lit(k->rays, z) >= far;
+    }
     return z > (double)far - 0.5; /* ceil(z - 0.5) >= far */
 }
 
@@ -262,9 +283,13 @@ static void draw_mixed_band(const struct plane *k, const struct band *band,
 }
 
 /* Returns whether every depth computed for the cells of a triangle fits an integer without a clamp.
- * The depths of a grazing triangle may not fit, because its slope has no limit. */
-static inline int is_tame(const struct umbb_coverage *c)
+ * Under parallel light the depths of a grazing triangle may not fit, because its slope has no
+ * limit. */
+static inline int is_tame(const struct umbb_rays *rays, const struct umbb_coverage *c)
 {
+    if (umbb_rays_meet(rays)) {
+        return 1;
+    }
     const double left = c->x[0] < c->x[1] ? c->x[0] : c->x[1];
     const double right = c->x[0] > c->x[1] ? c->x[0] : c->x[1];
     const double width = (right > c->x[2] ? right : c->x[2]) - (left < c->x[2] ? left : c->x[2]);
@@ -281,7 +306,7 @@ static void draw_one(const struct umbb_coverage *coverage, const struct umbb_can
     if (row > last) {
         return;
     }
-    if (!is_tame(coverage)) {
+    if (!is_tame(&canvas->rays, coverage)) {
         umbb_draw_plain(coverage, 1, canvas);
         return;
     }
@@ -289,12 +314,14 @@ static void draw_one(const struct umbb_coverage *coverage, const struct umbb_can
     edges_init(&edges, coverage, canvas);
     const struct plane plane = {
         .coverage = coverage,
+        .rays = &canvas->rays,
+        .meet = umbb_rays_meet(&canvas->rays),
         .gradient = _mm256_set1_pd(coverage->gradient_x),
         .anchor_x = _mm256_set1_pd(coverage->x[0]),
         .lit_min = _mm256_set1_epi32(umbb_coverage_round(coverage->z_min)),
         .lit_max = _mm256_set1_epi32(umbb_coverage_round(coverage->z_max)),
-        .near_x = coverage->gradient_x < 0.0 ? 7.5 : 0.5,
-        .near_y = coverage->gradient_y < 0.0 ? 7 : 0,
+        .near_x = umbb_rays_grow(&canvas->rays, coverage->gradient_x) ? 0.5 : 7.5,
+        .near_y = umbb_rays_grow(&canvas->rays, coverage->gradient_y) ? 0 : 7,
     };
     const size_t width = (size_t)canvas->n;
     /* Bands start at multiples of eight rows of the canvas. */

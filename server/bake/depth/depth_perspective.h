@@ -19,36 +19,75 @@
  * sliver depth is off by its slope times 2^-49 size^2 texels, which is 2^-21 texels at 16384 voxels
  * a side.
  *
- * The code is plain C with one division for each covered texel.
+ * Order: every operation from q to lit, rounded or not, is monotone, and lit never grows with q. So
+ * the greatest q of several fragments gives the least lit, and the q of a square's corner texels
+ * bounds the lit of all its texels. Vector kernels therefore compare q, and divide once a texel.
  */
 #include "bake/depth/coverage.h"
 #include "bake/depth/tile.h"
+
+/* The light's rays: how depth follows from a corner's third coordinate. All zeros: parallel rays,
+ * the coordinate is the depth. */
+struct umbb_rays {
+    double scale, offset; /* z = scale / q + offset; scale is 0 for parallel rays */
+    double size;          /* voxels a side of the frustum */
+};
+
+static inline struct umbb_rays umbb_rays_of(const struct umbb_casters *casters)
+{
+    return (struct umbb_rays){casters->depth_scale, casters->depth_offset, (double)casters->size};
+}
+
+/* Returns 1 if the rays start in one point. */
+static inline int umbb_rays_meet(const struct umbb_rays *rays)
+{
+    return rays->scale > 0.0;
+}
 
 /* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers as above. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
                              struct umbb_coverage *coverage);
 
-/* Returns the number of voxels of column x whose centre lies before the triangle, 0..size. row_z:
- * depth of the row at the anchor's x. casters->depth_scale must be above 0. */
-static inline int32_t umbb_perspective_lit(const struct umbb_casters *casters,
-                                           const struct umbb_coverage *coverage, double row_z,
-                                           int32_t x)
+/* Gives a prepared triangle the depth of slivers, if it is one. corners: as it was prepared from.
+ * rays: meet in one point. */
+void umbb_perspective_steady(const struct umbb_rays *rays, const double corners[3][3],
+                             struct umbb_coverage *coverage);
+
+/* Returns the number of voxels whose centre lies before a fragment with reciprocal distance q,
+ * 0..size. rays: meet in one point. */
+static inline int32_t umbb_reciprocal_lit(const struct umbb_rays *rays, double q)
 {
+    double z = rays->scale / q + rays->offset;
+    z = z > 0.0 ? z : 0.0;
+    return umbb_coverage_round(z < rays->size ? z : rays->size);
+}
+
+/* Returns the number of voxels of column x whose centre lies before the triangle, 0..size. row_z:
+ * third coordinate of the row at the anchor's x. */
+static inline int32_t umbb_rays_lit(const struct umbb_rays *rays,
+                                    const struct umbb_coverage *coverage, double row_z, int32_t x)
+{
+    if (!umbb_rays_meet(rays)) {
+        return umbb_coverage_lit(coverage, row_z, x);
+    }
     double q = row_z + coverage->gradient_x * (((double)x + 0.5) - coverage->x[0]);
     q = q > coverage->z_min ? q : coverage->z_min; /* NaN becomes z_min too */
     q = q < coverage->z_max ? q : coverage->z_max;
-    const double size = (double)casters->size;
-    double z = casters->depth_scale / q + casters->depth_offset;
-    z = z > 0.0 ? z : 0.0;
-    return umbb_coverage_round(z < size ? z : size);
+    return umbb_reciprocal_lit(rays, q);
 }
 
-/* Calls umbb_perspective_lit or umbb_coverage_lit, as the casters' kind of light demands. */
-static inline int32_t umbb_caster_lit(const struct umbb_casters *casters,
-                                      const struct umbb_coverage *coverage, double row_z, int32_t x)
+/* Returns the least lit that a fragment of a triangle can have. */
+static inline int32_t umbb_rays_nearest(const struct umbb_rays *rays,
+                                        const struct umbb_coverage *coverage)
 {
-    return casters->depth_scale > 0.0 ? umbb_perspective_lit(casters, coverage, row_z, x)
-                                      : umbb_coverage_lit(coverage, row_z, x);
+    return umbb_rays_meet(rays) ? umbb_reciprocal_lit(rays, coverage->z_max)
+                                : umbb_coverage_round(coverage->z_min);
+}
+
+/* Returns 1 if a fragment's lit never falls where the third coordinate grows along a gradient. */
+static inline int umbb_rays_grow(const struct umbb_rays *rays, double gradient)
+{
+    return (gradient > 0.0) != umbb_rays_meet(rays);
 }
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The rasteriser of parallel light.
+ * The rasteriser.
  *
  * create bins the casters by tile, once. begin bins a tile's casters by block. block draws them
  * into three layers of integers and decides lit and end. With AVX-512 it draws cell by cell,
@@ -168,13 +168,18 @@ static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_
     drawing->raster->kernels->prepare(casters->corners, batch->triangles, batch->count,
                                       casters->size, batch->coverages);
     for (size_t i = 0; i < batch->count; i++) {
-        const struct umbb_coverage *coverage = &batch->coverages[i];
+        struct umbb_coverage *coverage = &batch->coverages[i];
         if (coverage->row_first > coverage->row_last) {
             continue;
         }
+        if (umbb_rays_meet(&drawing->canvas.rays)) {
+            umbb_perspective_steady(&drawing->canvas.rays, casters->corners[batch->triangles[i]],
+                                    coverage);
+        }
         if (later != NULL && later->count < FAR_MAX && !is_near_side(coverage, batch->kind)) {
             later->triangles[later->count++] = batch->triangles[i];
-        } else if (drawing->cells != NULL && !umbb_cells_can_note(coverage)) {
+        } else if (drawing->cells != NULL &&
+                   !umbb_cells_can_note(&drawing->canvas.rays, coverage)) {
             umbb_draw_plain(coverage, 1, choose_canvas(drawing, batch->kind));
         } else {
             batch->coverages[drawn++] = *coverage;
@@ -189,7 +194,7 @@ static void draw_cut(struct drawing *drawing, uint32_t triangle, uint32_t cut)
 {
     const struct umbb_casters *casters = &drawing->raster->casters;
     struct umbb_coverage coverage;
-    if (umbb_coverage_prepare(casters->corners[triangle], casters->size, &coverage)) {
+    if (umbb_perspective_prepare(casters, triangle, &coverage)) {
         umbb_draw_cut(casters->cuts, cut, &coverage,
                       choose_canvas(drawing, umbb_caster_kind(casters, triangle)));
     }
@@ -242,11 +247,14 @@ static void draw_square(struct drawing *drawing, int32_t n, int32_t x, int32_t y
     struct far_sides later;
     later.count = 0;
     drawing->layer = (size_t)n * (size_t)n;
-    drawing->canvas =
-        (struct umbb_canvas){.x0 = drawing->tile->x0 + x, .y0 = drawing->tile->y0 + y, .n = n};
+    drawing->canvas = (struct umbb_canvas){.x0 = drawing->tile->x0 + x,
+                                           .y0 = drawing->tile->y0 + y,
+                                           .n = n,
+                                           .rays = umbb_rays_of(&raster->casters)};
     drawing->has_layers = drawing->often_hidden = 0;
     if (drawing->cells != NULL) {
         drawing->cells->background = raster->casters.size;
+        drawing->cells->rays = drawing->canvas.rays;
         drawing->cells->layer_count = raster->casters.closed_rule ? UMBB_LAYER_COUNT : 1;
         umbb_cells_begin(drawing->cells, n, drawing->canvas.x0, drawing->canvas.y0);
     }

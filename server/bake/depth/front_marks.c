@@ -64,10 +64,8 @@ static size_t slot_count(size_t fronts)
 static int are_wanted(const struct umbb_casters *casters, enum umbb_prove prove)
 {
     const uint64_t across = (uint64_t)casters->size >> UMBB_SQUARE_LOG2;
-    /* Bounds over a square come from the predicate of coverage.h, which is that of parallel
-     * light. */
-    return casters->closed_rule && !casters->open_on_word && !(casters->depth_scale > 0.0) &&
-           casters->count > 0 && casters->count < UINT32_MAX / 4 && prove != UMBB_PROVE_NEVER &&
+    return casters->closed_rule && !casters->open_on_word && casters->count > 0 &&
+           casters->count < UINT32_MAX / 4 && prove != UMBB_PROVE_NEVER &&
            (prove == UMBB_PROVE_ALWAYS || across * across * CASTERS_PER_SQUARE >= casters->count);
 }
 

@@ -9,9 +9,16 @@
 #include <math.h>
 
 #include "tool/threads.h"
-#include "bake/depth/coverage.h"
+#include "bake/depth/cut_out.h"
+#include "bake/depth/depth_perspective.h"
 
 #define SQUARE (1 << UMBB_SQUARE_LOG2)
+
+/* Distance in texels from a square within which a border counts. Any value above the rounding error
+ * of a crossing is right. Under perspective it leaves out the edges along which triangles are cut,
+ * one texel outside the map. */
+#define BORDER_REACH         1.0
+#define BORDER_REACH_MEETING 0.5
 
 /* Flags of a square during the pass. */
 enum {
@@ -23,13 +30,22 @@ enum {
 /* Rows of a tile's squares. Texels are numbered in the frustum, squares in the tile. */
 struct squares {
     const struct umbb_casters *casters;
+    struct umbb_rays rays;
     struct umbb_tile *tile;
     int32_t across;
     int32_t first_row, end_row; /* range of rows of squares */
     int32_t top, bottom;        /* first and last row of texels */
     int32_t *front_most;        /* greatest lit of front faces */
     int32_t *far_least;         /* least lit of all other faces */
-    int32_t *cover; /* least bound of lit by a front face that covers the whole square */
+    struct umbb_proof *proofs;
+};
+
+/* A caster being added. */
+struct face {
+    const struct umbb_coverage *coverage;
+    uint32_t caster;
+    uint8_t kind;
+    int front; /* 1: it surely faces the light */
 };
 
 static int32_t least(int32_t a, int32_t b)
@@ -61,18 +77,56 @@ static void rows_reach(const struct umbb_coverage *c, int32_t first, int32_t las
 }
 
 /* Updates a square that the triangle touches in rows y0 .. y1, texels x0 .. x1. */
-static void square_touch(struct squares *s, const struct umbb_coverage *c, int front, size_t square,
+static void square_touch(struct squares *s, const struct face *face, size_t square,
                          const int32_t x[2], const int32_t y[2])
 {
+    const struct umbb_coverage *c = face->coverage;
+    const int front = face->front;
     s->tile->proven[square] |= TOUCHED;
     /* The farthest texel for a front face, else the nearest. */
-    const int32_t at_x = x[(c->gradient_x > 0.0) == front];
-    const int32_t at_y = y[(c->gradient_y > 0.0) == front];
-    const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
+    const int32_t at_x = x[umbb_rays_grow(&s->rays, c->gradient_x) == front];
+    const int32_t at_y = y[umbb_rays_grow(&s->rays, c->gradient_y) == front];
+    const int32_t lit = umbb_rays_lit(&s->rays, c, umbb_coverage_row_z(c, at_y), at_x);
     if (front) {
         s->front_most[square] = most(s->front_most[square], lit);
-    } else {
-        s->far_least[square] = least(s->far_least[square], lit);
+        return;
+    }
+    s->far_least[square] = least(s->far_least[square], lit);
+    if (umbb_rays_meet(&s->rays) && face->kind != UMBB_CASTER_OPEN) {
+        struct umbb_proof *proof = &s->proofs[square];
+        const int32_t far_x = x[0] + x[1] - at_x, far_y = y[0] + y[1] - at_y;
+        const int32_t far = umbb_rays_lit(&s->rays, c, umbb_coverage_row_z(c, far_y), far_x);
+        proof->back_least = least(proof->back_least, lit);
+        proof->back_most = most(proof->back_most, far);
+    }
+}
+
+/* Adds a triangle's fragments at the corner texels of the squares of a row, in texel row y, which
+ * the triangle meets. lower: 1 for the squares' last texel row, 0 for their first. */
+static void corners_touch(struct squares *s, const struct face *face, int32_t y, size_t lower)
+{
+    const struct umbb_tile *tile = s->tile;
+    const struct umbb_cuts *cuts = s->casters->cuts;
+    const uint32_t cut = umbb_cut_of(cuts, face->caster);
+    const double row_z = umbb_coverage_row_z(face->coverage, y);
+    int32_t span[2];
+    const int front = umbb_coverage_row_within(face->coverage, y, tile->x0, tile->size, span);
+    const size_t layer = umbb_layer_of(face->kind, front);
+    struct umbb_proof *row =
+        s->proofs + (size_t)((y - tile->y0) >> UMBB_SQUARE_LOG2) * (size_t)s->across;
+    /* Corner texels are the first and the last of each square. */
+    for (int32_t x = span[0]; x <= span[1]; x++) {
+        const int32_t in_square = (x - tile->x0) & (SQUARE - 1);
+        if (in_square != 0 && in_square != SQUARE - 1) {
+            x += SQUARE - 2 - in_square;
+            continue;
+        }
+        int32_t *nearest =
+            row[(x - tile->x0) >> UMBB_SQUARE_LOG2].corners[2 * lower + (in_square != 0)];
+        if (cut == UMBS_CUT_NONE || umbb_cut_casts(cuts, cut, x, y)) {
+            nearest[layer] =
+                least(nearest[layer], umbb_rays_lit(&s->rays, face->coverage, row_z, x));
+        }
     }
 }
 
@@ -114,16 +168,17 @@ static void cover_squares(struct squares *s, const struct umbb_coverage *c, int3
     for (int32_t x = (left + SQUARE - 1) & -SQUARE; x + SQUARE - 1 <= right; x += SQUARE) {
         const size_t square = (size_t)(row * s->across + ((x - tile->x0) >> UMBB_SQUARE_LOG2));
         /* The depth at the farthest texel bounds the face's lit in the square from above. */
-        const int32_t at_x = c->gradient_x > 0.0 ? x + SQUARE - 1 : x;
-        const int32_t at_y = ys[c->gradient_y > 0.0];
-        const int32_t lit = umbb_coverage_lit(c, umbb_coverage_row_z(c, at_y), at_x);
-        s->cover[square] = least(s->cover[square], lit);
+        const int32_t at_x = umbb_rays_grow(&s->rays, c->gradient_x) ? x + SQUARE - 1 : x;
+        const int32_t at_y = ys[umbb_rays_grow(&s->rays, c->gradient_y)];
+        const int32_t lit = umbb_rays_lit(&s->rays, c, umbb_coverage_row_z(c, at_y), at_x);
+        s->proofs[square].cover = least(s->proofs[square].cover, lit);
     }
 }
 
-static void add_triangle(struct squares *s, const struct umbb_coverage *c, int front)
+static void add_triangle(struct squares *s, const struct face *face)
 {
     const struct umbb_tile *tile = s->tile;
+    const struct umbb_coverage *c = face->coverage;
     const int32_t top = most(c->row_first, s->top);
     const int32_t bottom = least(c->row_last, s->bottom);
     for (int32_t first = top; first <= bottom; first = (first | (SQUARE - 1)) + 1) {
@@ -131,8 +186,14 @@ static void add_triangle(struct squares *s, const struct umbb_coverage *c, int f
         const int32_t row = (first - tile->y0) >> UMBB_SQUARE_LOG2;
         int32_t left, right;
         /* Only a face that meets all rows of the row of squares can cover one of them. */
-        if (front && last - first == SQUARE - 1) {
+        if (face->front && last - first == SQUARE - 1) {
             cover_squares(s, c, first);
+        }
+        if (umbb_rays_meet(&s->rays) && (first & (SQUARE - 1)) == 0) {
+            corners_touch(s, face, first, 0);
+        }
+        if (umbb_rays_meet(&s->rays) && (last & (SQUARE - 1)) == SQUARE - 1) {
+            corners_touch(s, face, last, 1);
         }
         rows_reach(c, first, last, &left, &right);
         left = most(left, tile->x0);
@@ -141,8 +202,8 @@ static void add_triangle(struct squares *s, const struct umbb_coverage *c, int f
             const int32_t column = (x - tile->x0) >> UMBB_SQUARE_LOG2;
             const size_t square = (size_t)(row * s->across + column);
             const int32_t xs[2] = {x, least(x | (SQUARE - 1), right)}, ys[2] = {first, last};
-            square_touch(s, c, front, square, xs, ys);
-            if (front) {
+            square_touch(s, face, square, xs, ys);
+            if (face->front) {
                 middle_touch(s, c, square, (x & -SQUARE) + SQUARE / 2,
                              (first & -SQUARE) + SQUARE / 2);
             }
@@ -150,28 +211,29 @@ static void add_triangle(struct squares *s, const struct umbb_coverage *c, int f
     }
 }
 
-/* Marks the squares within a texel of an edge. */
+/* Marks the squares within reach of an edge. */
 static void add_border(struct squares *s, const double *a, const double *b)
 {
     const struct umbb_tile *tile = s->tile;
     const double *upper = a[1] < b[1] ? a : b, *lower = a[1] < b[1] ? b : a;
     const double height = lower[1] - upper[1];
     const double tile_top = (double)tile->y0, tile_left = (double)tile->x0;
+    const double reach = umbb_rays_meet(&s->rays) ? BORDER_REACH_MEETING : BORDER_REACH;
     for (int32_t row = s->first_row; row < s->end_row; row++) {
-        const double top = tile_top + (double)(row * SQUARE) - 1.0;
-        const double bottom = top + (double)SQUARE + 2.0;
+        const double top = tile_top + (double)(row * SQUARE) - reach;
+        const double bottom = top + (double)SQUARE + 2.0 * reach;
         if (lower[1] < top || upper[1] > bottom) {
             continue;
         }
-        /* The part of the edge within a texel of the row of squares: start and end as shares of its
+        /* The part of the edge within reach of the row of squares: start and end as shares of its
          * length. */
         const double from = upper[1] < top ? (top - upper[1]) / height : 0.0;
         const double to = lower[1] > bottom ? (bottom - upper[1]) / height : 1.0;
         const double x_from = upper[0] + from * (lower[0] - upper[0]);
         const double x_to = upper[0] + to * (lower[0] - upper[0]);
-        /* Its range of x, with one texel to spare on either side. */
-        const double left = (x_from < x_to ? x_from : x_to) - 1.0 - tile_left;
-        const double right = (x_from < x_to ? x_to : x_from) + 1.0 - tile_left;
+        /* Its range of x, with the reach on either side. */
+        const double left = (x_from < x_to ? x_from : x_to) - reach - tile_left;
+        const double right = (x_from < x_to ? x_to : x_from) + reach - tile_left;
         if (right < 0.0 || left >= (double)tile->size) {
             continue;
         }
@@ -207,9 +269,35 @@ static void add_caster(struct squares *s, uint32_t caster)
         }
     }
     struct umbb_coverage coverage;
-    if (umbb_coverage_prepare(v, s->casters->size, &coverage)) {
-        add_triangle(s, &coverage, (marks & UMBB_MARK_FRONT) != 0);
+    if (umbb_perspective_prepare(s->casters, caster, &coverage)) {
+        const struct face face = {&coverage, caster, umbb_caster_kind(s->casters, caster),
+                                  (marks & UMBB_MARK_FRONT) != 0};
+        add_triangle(s, &face);
     }
+}
+
+/*
+ * Returns whether greatest lit and least end lie in the same multiples of 64 as their bounds, by
+ * the corner texels.
+ *
+ * A back face beyond the last voxel ends nothing: its texels have end = lit. The frustum of a lamp
+ * is fitted without its outermost texels, so such faces occur there.
+ */
+static int is_exact(const struct umbb_proof *proof, int32_t background, int32_t lit_bound,
+                    int32_t end_bound)
+{
+    int32_t lit_most = 0, end_least = background;
+    if (proof->back_most >= background) {
+        return 0;
+    }
+    for (size_t corner = 0; corner < 4; corner++) {
+        int32_t lit, end;
+        umbb_texel_decide(proof->corners[corner], background, &lit, &end);
+        lit_most = most(lit_most, lit);
+        end_least = least(end_least, end);
+    }
+    return (lit_most + SQUARE - 1) / SQUARE == (lit_bound + SQUARE - 1) / SQUARE &&
+           end_least / SQUARE == end_bound / SQUARE;
 }
 
 /* Turns a square's flags into the answer. */
@@ -224,11 +312,16 @@ static void decide(struct squares *s, size_t square)
     } else {
         /* Bound of every lit: that of a front face over the whole square, or of all front faces. */
         const int whole = flags == (TOUCHED | MIDDLE);
-        s->front_most[square] =
-            whole ? least(s->front_most[square], s->cover[square]) : s->cover[square];
+        const struct umbb_proof *proof = &s->proofs[square];
+        s->front_most[square] = whole ? least(s->front_most[square], proof->cover) : proof->cover;
         /* Proven if a multiple of 64 lies between this bound and the nearest other face. */
         const int32_t cut = (s->front_most[square] + SQUARE - 1) & -SQUARE;
         proven = s->far_least[square] < background && cut <= s->far_least[square];
+        if (umbb_rays_meet(&s->rays)) {
+            s->far_least[square] = proof->back_least; /* open faces end nothing */
+            proven =
+                proven && is_exact(proof, background, s->front_most[square], s->far_least[square]);
+        }
     }
     s->tile->proven[square] = (uint8_t)proven;
 }
@@ -242,6 +335,15 @@ struct proof {
     int32_t across, strips;
 };
 
+static void proof_clear(struct umbb_proof *proof, int32_t background)
+{
+    proof->cover = proof->back_least = background;
+    proof->back_most = 0;
+    for (size_t i = 0; i < 4 * (size_t)UMBB_LAYER_COUNT; i++) {
+        proof->corners[i / UMBB_LAYER_COUNT][i % UMBB_LAYER_COUNT] = background;
+    }
+}
+
 static void strip_job(void *user, uint32_t strip, unsigned thread)
 {
     (void)thread;
@@ -250,13 +352,14 @@ static void strip_job(void *user, uint32_t strip, unsigned thread)
     struct umbb_tile *tile = proof->tile;
     struct squares squares = {
         .casters = casters,
+        .rays = umbb_rays_of(casters),
         .tile = tile,
         .across = proof->across,
         .first_row = proof->across * (int32_t)strip / proof->strips,
         .end_row = proof->across * ((int32_t)strip + 1) / proof->strips,
         .front_most = tile->max_lit[UMBB_SQUARE_LOG2],
         .far_least = tile->min_end[UMBB_SQUARE_LOG2],
-        .cover = tile->cover,
+        .proofs = tile->proofs,
     };
     squares.top = tile->y0 + squares.first_row * SQUARE;
     squares.bottom = tile->y0 + squares.end_row * SQUARE - 1;
@@ -266,7 +369,7 @@ static void strip_job(void *user, uint32_t strip, unsigned thread)
         tile->proven[square] = 0;
         squares.front_most[square] = 0;
         squares.far_least[square] = casters->size;
-        squares.cover[square] = casters->size;
+        proof_clear(&squares.proofs[square], casters->size);
     }
     for (size_t i = 0; casters->marks != NULL && i < proof->count; i++) {
         add_caster(&squares, proof->list == NULL ? (uint32_t)i : proof->list[i]);

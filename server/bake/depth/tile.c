@@ -29,7 +29,7 @@ size_t umbb_tile_bytes(uint32_t log2_size, int closed_rule)
 {
     const size_t texels = (size_t)1 << (2 * log2_size);
     return ((closed_rule ? 2 : 1) * texels + 2 * pyramid_count(log2_size)) * sizeof(int32_t) +
-           (closed_rule ? square_count(log2_size) * (sizeof(int32_t) + 1) : 0);
+           (closed_rule ? square_count(log2_size) * (sizeof(struct umbb_proof) + 1) : 0);
 }
 
 enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int closed_rule,
@@ -64,8 +64,8 @@ enum umb_status umbb_tile_init(struct umbb_tile *tile, uint32_t log2_size, int c
         next += count;
     }
     if (closed_rule && log2_size >= UMBB_SQUARE_LOG2) {
-        tile->cover = next;
-        tile->proven = (uint8_t *)(next + square_count(log2_size));
+        tile->proofs = (struct umbb_proof *)next;
+        tile->proven = (uint8_t *)(tile->proofs + square_count(log2_size));
         memset(tile->proven, 0, square_count(log2_size));
     }
     return UMB_OK;

@@ -53,6 +53,22 @@ struct umbb_casters {
     const struct umbb_cuts *cuts; /* cut_out.h: open casters with holes; NULL: there are none */
 };
 
+/* Layers of fragments. Each texel of a layer holds the nearest face of one kind. */
+enum umbb_layer {
+    UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
+    UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
+    UMBB_LAYER_BACK = 2,  /* nearest back face of closed parts */
+    UMBB_LAYER_COUNT = 3,
+};
+
+/* Working memory of umbb_prove_squares for one square. */
+struct umbb_proof {
+    int32_t cover;      /* least bound of lit by a front face that covers the whole square */
+    int32_t back_least; /* least lit of back faces */
+    int32_t back_most;  /* greatest lit of back faces, or more */
+    int32_t corners[4][UMBB_LAYER_COUNT]; /* nearest fragments of the four corner texels */
+};
+
 struct umbb_tile {
     int32_t x0, y0; /* first texel */
     uint32_t log2_size;
@@ -64,8 +80,8 @@ struct umbb_tile {
     /* [(size >> UMBB_SQUARE_LOG2)^2] 1 for a square known from bounds, row by row. Its texels and
      * levels below UMBB_SQUARE_LOG2 were never written. NULL without the closed rule. */
     uint8_t *proven;
-    int32_t *cover;     /* [(size >> UMBB_SQUARE_LOG2)^2] working memory of umbb_prove_squares */
-    int32_t background; /* voxels a side of the frustum; set by begin */
+    struct umbb_proof *proofs; /* [(size >> UMBB_SQUARE_LOG2)^2] of umbb_prove_squares */
+    int32_t background;        /* voxels a side of the frustum; set by begin */
     int32_t *memory;
 };
 
@@ -102,14 +118,6 @@ static inline int32_t umbb_tile_block(const struct umbb_tile *tile)
 {
     return tile->size < UMBB_BLOCK ? tile->size : UMBB_BLOCK;
 }
-
-/* Layers of fragments. Each texel of a layer holds the nearest face of one kind. */
-enum umbb_layer {
-    UMBB_LAYER_OPEN = 0,  /* nearest face of open casters */
-    UMBB_LAYER_FRONT = 1, /* nearest front face of closed parts */
-    UMBB_LAYER_BACK = 2,  /* nearest back face of closed parts */
-    UMBB_LAYER_COUNT = 3,
-};
 
 /* Class of a caster under the casters' rule: enum umbb_caster. */
 static inline uint8_t umbb_caster_kind(const struct umbb_casters *casters, size_t caster)

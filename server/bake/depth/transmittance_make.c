@@ -88,6 +88,7 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
                             struct bench *bench, struct umb_error *error)
 {
     const struct umbb_casters *casters = m->job->casters;
+    const struct umbb_rays rays = umbb_rays_of(casters);
     const uint32_t cut = casters->cuts->of[triangle];
     struct umbb_coverage coverage;
     if (!umbb_perspective_prepare(casters, triangle, &coverage)) {
@@ -103,7 +104,7 @@ static enum umb_status draw(const struct maker *m, uint32_t triangle, int32_t x0
         x_first = x_first > x0 ? x_first : x0;
         x_last = x_last < right ? x_last : right;
         for (int32_t x = x_first; x <= x_last; x++) {
-            const int32_t lit = umbb_caster_lit(casters, &coverage, row_z, x);
+            const int32_t lit = umbb_rays_lit(&rays, &coverage, row_z, x);
             const double opacity =
                 lit < casters->size ? umbb_cut_takes(casters->cuts, cut, x, row) : 0.0;
             if (!(opacity > 0.0)) {

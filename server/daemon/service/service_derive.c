@@ -13,6 +13,7 @@
 #include "wire/regions.h"
 
 #define PIECE_BYTES ((size_t)256 << 10) /* bytes of the file in one message */
+#define SEAM_TEXELS UINT64_C(36864)     /* texels that take as long as the match of one seam */
 #define TURN_TEXELS 2048U /* texels of a turn, about a millisecond: 0.5 to 0.9 us a texel */
 
 /* Header of an allocated block. The memory after the header is aligned for any type. */
@@ -112,7 +113,7 @@ static enum umb_status work(struct umbd_task *task, size_t first, size_t count,
     enum umb_status status = umbs_entry_read(d->entry, derive, d, &result->error);
     if (status == UMB_OK && d->status != UMB_OK) {
         result->error = d->error;
-        status = d->status;
+        status = umbd_task_result(task, d->status, &result->error);
     }
     if (status == UMB_OK) {
         status = make_messages(d, &result->error);
@@ -149,6 +150,7 @@ static enum umb_status check_texels(const struct umbd_call *call, const struct d
                         (unsigned long long)limit);
     }
     *texels *= map_count(d);
+    *texels += settings->match_contrast ? SEAM_TEXELS * (map_count(d) - 1) : 0;
     return UMB_OK;
 }
 

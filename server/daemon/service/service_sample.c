@@ -45,10 +45,7 @@ static enum umb_status work(struct umbd_task *task, size_t first, size_t count,
     struct sampling *s = (struct sampling *)task;
     UMB__TRY(umbs_entry_read(s->entry, draw, s, &result->error));
     result->error = s->error;
-    /* The core knows only that it was stopped. */
-    return s->status == UMB_E_CANCELLED && umbd_task_stopped(task) == UMB_E_DEADLINE
-               ? umb_fail(&result->error, UMB_E_DEADLINE, "the deadline passed")
-               : s->status;
+    return umbd_task_result(task, s->status, &result->error);
 }
 
 static void free_sampling(struct umbd_task *task)

@@ -371,6 +371,14 @@ enum umb_status umbd_task_stopped(const struct umbd_task *task)
     return task->deadline_ns != 0 && umbu_clock_ns() >= task->deadline_ns ? UMB_E_DEADLINE : UMB_OK;
 }
 
+enum umb_status umbd_task_result(const struct umbd_task *task, enum umb_status status,
+                                 struct umb_error *error)
+{
+    return status == UMB_E_CANCELLED && umbd_task_stopped(task) == UMB_E_DEADLINE
+               ? umb_fail(error, UMB_E_DEADLINE, "the deadline passed")
+               : status;
+}
+
 size_t umbd_pool_depth(struct umbd_pool *pool)
 {
     pthread_mutex_lock(&pool->mutex);

@@ -81,4 +81,9 @@ struct umbd_task {
 /* Returns UMB_OK while the call waits for the task; else the status that ended the wait. */
 enum umb_status umbd_task_stopped(const struct umbd_task *task);
 
+/* Returns the status of a task whose work in the core ended with `status`. The core knows only that
+ * it was stopped (E_CANCELLED); if the deadline did that, it is E_DEADLINE. */
+enum umb_status umbd_task_result(const struct umbd_task *task, enum umb_status status,
+                                 struct umb_error *error);
+
 #endif

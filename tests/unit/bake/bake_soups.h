@@ -19,7 +19,8 @@ struct soup {
     uint8_t *kinds;
     size_t count, capacity;
     int32_t size;
-    int open_on_word; /* see struct umbb_casters */
+    int open_on_word;                 /* see struct umbb_casters */
+    double depth_scale, depth_offset; /* see struct umbb_casters; zero for parallel light */
     uint64_t random_state;
 };
 
@@ -214,7 +215,20 @@ static inline struct umbb_casters soup_casters(const struct soup *soup, int clos
         .size = soup->size,
         .closed_rule = closed_rule,
         .open_on_word = soup->open_on_word,
+        .depth_scale = soup->depth_scale,
+        .depth_offset = soup->depth_offset,
     };
+}
+
+/* Turns all depths into the q of a lamp `before` voxels before the first voxel. */
+static inline void soup_before_lamp(struct soup *soup, double before)
+{
+    soup->depth_scale = before;
+    soup->depth_offset = -before;
+    for (size_t i = 0; i < 3 * soup->count; i++) {
+        double *corner = soup->corners[i / 3][i % 3];
+        corner[2] = before / (before + corner[2]);
+    }
 }
 
 static inline uint32_t soup_log2(const struct soup *soup)

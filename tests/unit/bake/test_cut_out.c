@@ -145,9 +145,8 @@ static int slow_lit(const struct fixture *f, int32_t x, int32_t y, int32_t *lit)
             continue;
         }
         const double row_z = umbb_coverage_row_z(&c, y);
-        const int32_t one = f->casters.depth_scale > 0.0
-                                ? umbb_perspective_lit(&f->casters, &c, row_z, x)
-                                : umbb_coverage_lit(&c, row_z, x);
+        const struct umbb_rays rays = umbb_rays_of(&f->casters);
+        const int32_t one = umbb_rays_lit(&rays, &c, row_z, x);
         if (f->table.of[i] != UMBS_CUT_NONE) {
             const long double margin = slow_margin(f, i, x, y);
             if (fabsl(margin) < 1e-6L || f->scene.texture.nearest) {
@@ -207,7 +206,7 @@ static void all_paths_keep_the_same_texels_before_an_eye(void **state)
     static struct fixture f;
     for (uint64_t seed = 11; seed <= 16; seed++) {
         fixture_init(&f, seed, 1);
-        compare(&f, umbb_depth_perspective_create);
+        compare(&f, umbb_depth_raster_create);
         fixture_finish(&f);
     }
 }

@@ -8,6 +8,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <math.h>
 #include <stdio.h>
 
 #include "bake/depth/depth_cells.h"
@@ -16,6 +17,12 @@
 #define SIZE 64
 
 static struct soup source; /* of random numbers */
+
+/* Rays of the light under test. */
+static struct umbb_rays rays;
+
+/* Rays that meet in a point some way before the first voxel. */
+static const struct umbb_rays meeting = {.scale = 40.0, .offset = -50.0, .size = SIZE};
 
 static uint64_t random_bits(void)
 {
@@ -63,6 +70,7 @@ static void drawing_add(struct drawing *drawing, const struct umbb_coverage *c, 
         .x0 = round & 32,
         .y0 = round / 2 & 32,
         .n = CANVAS,
+        .rays = rays,
         .front = drawing->texels[0],
         .back = drawing->texels[one_layer ? 0 : 1],
         .front_far = drawing->far[0],
@@ -86,6 +94,21 @@ static void random_triangle(int round, double v[3][3])
             v[2][k] = v[0][k] + t * (v[1][k] - v[0][k]);
         }
     }
+    for (int i = 0; umbb_rays_meet(&rays) && i < 3; i++) { /* from a depth to its q, 0 < q <= 1 */
+        v[i][2] = fmin(rays.scale / fmax(v[i][2] - rays.offset, 1.0), 1.0);
+    }
+}
+
+/* Prepares a triangle as a rasteriser does. */
+static int prepare(const double v[3][3], struct umbb_coverage *c)
+{
+    if (!umbb_coverage_prepare(v, SIZE, c)) {
+        return 0;
+    }
+    if (umbb_rays_meet(&rays)) {
+        umbb_perspective_steady(&rays, v, c);
+    }
+    return 1;
 }
 
 /* Several triangles at once and one after the other, so that what the first ones leave behind lets
@@ -110,8 +133,7 @@ static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
             for (size_t i = 0; i < wanted; i++) {
                 double v[3][3];
                 random_triangle(round + k, v);
-                count +=
-                    (size_t)umbb_coverage_prepare((const double(*)[3])v, SIZE, &coverages[count]);
+                count += (size_t)prepare((const double(*)[3])v, &coverages[count]);
             }
             drawing_add(&drawings[0], coverages, count, round, umbb_draw_plain);
             drawing_add(&drawings[1], coverages, count, round, quick);
@@ -122,6 +144,15 @@ static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
             assert_true(drawings[1].texels[layer][at] <= drawings[1].far[layer][at / 64]);
         }
     }
+}
+
+/* kernel_gives_the_bits_of_the_plain_one for both kinds of light. */
+static void kernel_gives_the_bits_under_all_lights(umbb_draw_fn quick)
+{
+    kernel_gives_the_bits_of_the_plain_one(quick);
+    rays = meeting;
+    kernel_gives_the_bits_of_the_plain_one(quick);
+    rays = (struct umbb_rays){0};
 }
 
 /* A slope along y whose nearest row of a band lies on a voxel's centre to the last bit, before a
@@ -162,7 +193,7 @@ static void drawing_with_avx2_gives_the_bits_of_the_plain_one(void **state)
         print_message("skipped: no AVX2 on this processor\n");
         skip();
     }
-    kernel_gives_the_bits_of_the_plain_one(kernels->draw);
+    kernel_gives_the_bits_under_all_lights(kernels->draw);
     slopes_that_touch_a_centre_are_drawn_by(kernels->draw);
 }
 
@@ -225,12 +256,13 @@ static void draw_by_cells(const struct umbb_coverage *c, size_t count,
     const struct umbb_sides sides = {UMBB_LAYER_FRONT,
                                      one_layer ? UMBB_LAYER_FRONT : UMBB_LAYER_BACK, 0};
     cells.background = SIZE;
+    cells.rays = canvas->rays;
     cells.layer_count = UMBB_LAYER_COUNT;
     umbb_cells_begin(&cells, CANVAS, canvas->x0, canvas->y0);
     memcpy(front, canvas->front, CANVAS_TEXELS * sizeof *front);
     memcpy(back, canvas->back, CANVAS_TEXELS * sizeof *back);
     for (size_t i = 0; i < count; i++) {
-        if (umbb_cells_can_note(&c[i])) {
+        if (umbb_cells_can_note(&canvas->rays, &c[i])) {
             (void)note_all(steps_of_avx512(), &cells, &c[i], 1, sides, layers);
         } else {
             umbb_draw_plain(&c[i], 1, canvas);
@@ -250,7 +282,7 @@ static void drawing_by_noted_cells_gives_the_bits_of_the_plain_one(void **state)
         print_message("skipped: no AVX-512 on this processor\n");
         skip();
     }
-    kernel_gives_the_bits_of_the_plain_one(draw_by_cells);
+    kernel_gives_the_bits_under_all_lights(draw_by_cells);
     slopes_that_touch_a_centre_are_drawn_by(draw_by_cells);
 }
 
@@ -260,7 +292,7 @@ enum {
 };
 
 /* Large triangles, most of them from back to front, so that few are hidden. */
-static size_t crowd_make(struct umbb_coverage *c)
+static size_t crowd_make(struct umbb_coverage *c, const struct umbb_rays *light)
 {
     size_t count = 0;
     for (int i = 0; i < CROWD; i++) {
@@ -270,30 +302,27 @@ static size_t crowd_make(struct umbb_coverage *c)
             v[k][1] = 300.0 * random_unit() - 20.0;
             v[k][2] = i % 16 == 0 ? 900.0 + 100.0 * random_unit()
                                   : 1000.0 * (double)(CROWD - i) / CROWD + random_unit();
+            v[k][2] = umbb_rays_meet(light) ? light->scale / (v[k][2] - light->offset) : v[k][2];
         }
         count += (size_t)umbb_coverage_prepare((const double(*)[3])v, 1024, &c[count]);
     }
     return count;
 }
 
-static void full_notes_are_drawn_and_go_on(void **state)
+static void full_notes_are_drawn_under(const struct umbb_rays *light)
 {
-    (void)state;
     const struct umbb_cells_steps *steps = steps_of_avx512();
     static struct umbb_cells cells;
     static struct umbb_coverage c[CROWD];
     static int32_t layers[2][BLOCK_TEXELS];
     static int32_t far[BLOCK_TEXELS / 64];
-    if (steps == NULL) {
-        print_message("skipped: no AVX-512 on this processor\n");
-        skip();
-    }
     seed(8);
-    const size_t count = crowd_make(c);
+    const size_t count = crowd_make(c, light);
     for (size_t i = 0; i < BLOCK_TEXELS; i++) {
         layers[0][i] = layers[1][i] = 1024;
     }
     cells.background = 1024;
+    cells.rays = *light;
     cells.layer_count = 1;
     umbb_cells_begin(&cells, UMBB_CANVAS_MAX, 0, 0);
     const struct umbb_sides sides = {UMBB_LAYER_OPEN, UMBB_LAYER_OPEN, 0};
@@ -301,6 +330,7 @@ static void full_notes_are_drawn_and_go_on(void **state)
     steps->draw(&cells, layers[0]);
     const struct umbb_canvas canvas = {
         .n = UMBB_CANVAS_MAX,
+        .rays = *light,
         .front = layers[1],
         .back = layers[1],
         .front_far = far,
@@ -310,6 +340,18 @@ static void full_notes_are_drawn_and_go_on(void **state)
         umbb_draw_plain(&c[i], 1, &canvas);
     }
     assert_memory_equal(layers[0], layers[1], sizeof layers[0]);
+}
+
+static void full_notes_are_drawn_and_go_on(void **state)
+{
+    (void)state;
+    const struct umbb_rays parallel = {0}, near = {.scale = 100.0, .offset = -150.0, .size = 1024};
+    if (steps_of_avx512() == NULL) {
+        print_message("skipped: no AVX-512 on this processor\n");
+        skip();
+    }
+    full_notes_are_drawn_under(&parallel);
+    full_notes_are_drawn_under(&near);
 }
 
 int main(void)

@@ -161,12 +161,16 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
 /* Reads all texels of a frustum of one tile. */
 static void read_depth(const struct umbb_casters *casters, int by_embree, struct umbb_tile *tile)
 {
-    const struct umbb_depth_options options = {.tile_log2 = LOG2, .threads = 1};
+    const struct umbb_depth_options options = {
+        .tile_log2 = LOG2, .threads = 1, .prove = UMBB_PROVE_NEVER};
     struct umbb_depth depth;
     assert_int_equal(umbb_tile_init(tile, LOG2, casters->closed_rule, NULL), UMB_OK);
     assert_int_equal(by_embree ? umbb_depth_embree_create(casters, &options, &depth, NULL)
-                               : umbb_depth_perspective_create(casters, &options, &depth, NULL),
+                               : umbb_depth_raster_create(casters, &options, &depth, NULL),
                      UMB_OK);
+    for (size_t i = 0; i < (size_t)SIZE * SIZE; i++) {
+        tile->lit[i] = tile->end[i] = SIZE; /* empty cells are not written */
+    }
     assert_int_equal(depth.begin(depth.state, 0, tile, NULL), UMB_OK);
     depth.block(depth.state, 0, 0, tile, 0, 0);
     depth.destroy(depth.state);
@@ -243,7 +247,8 @@ static void slivers_are_as_deep_as_their_longest_edge(void **state)
             const double share = (row + 1.5) / (SIZE + 2);
             const double z = 1 / (0.01 + share * (far - 0.01)) - 100;
             const double row_z = umbb_coverage_row_z(&coverage, row);
-            const int32_t lit = umbb_perspective_lit(&casters, &coverage, row_z, row);
+            const struct umbb_rays rays = umbb_rays_of(&casters);
+            const int32_t lit = umbb_rays_lit(&rays, &coverage, row_z, row);
             assert_true(fabs(lit - z) < 0.6);
             drawn++;
         }

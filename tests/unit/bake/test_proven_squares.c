@@ -264,6 +264,89 @@ static void every_path_and_tile_size_proves_the_same(void **state)
     soup_finish(&soup);
 }
 
+/* Bakes a soup; returns the fingerprint of its octree. */
+static uint64_t print_of(const struct soup *soup, create_fn create,
+                         struct umbb_depth_options options)
+{
+    struct umb__octree octree;
+    bake(soup, create, options, &octree);
+    const uint64_t print = fingerprint(&octree);
+    umb__octree_finish(&octree);
+    return print;
+}
+
+/* Compares a lamp's octree with that of no proven square, by every path. */
+static void check_lamp(const struct soup *soup)
+{
+    const uint64_t drawn = print_of(
+        soup, umbb_depth_raster_create,
+        (struct umbb_depth_options){.tile_log2 = 9, .threads = 1, .prove = UMBB_PROVE_NEVER});
+    for (uint32_t tile_log2 = 6; tile_log2 <= 9; tile_log2++) {
+        const struct umbb_depth_options options = {.tile_log2 = tile_log2,
+                                                   .threads = 1 + tile_log2 % 2,
+                                                   .plain = tile_log2 == 7,
+                                                   .prove = UMBB_PROVE_ALWAYS};
+        assert_true(print_of(soup,
+                             tile_log2 == 8 ? umbb_depth_embree_create : umbb_depth_raster_create,
+                             options) == drawn);
+    }
+}
+
+static void proven_squares_of_lamps_change_no_voxel(void **state)
+{
+    (void)state;
+    size_t proven = 0;
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        struct soup soup;
+        soup_scene(&soup, seed);
+        soup_before_lamp(&soup, seed % 2 == 0 ? 30.0 : 700.0);
+        proven += proven_count(&soup, 9);
+        check_lamp(&soup);
+        soup_finish(&soup);
+    }
+    print_message("%zu of %d squares proven\n", proven, 12 * 64);
+    assert_true(proven > 20);
+}
+
+/* A box with a tip below its bottom, a little beyond the last voxel. */
+static void soup_tipped_box(struct soup *soup)
+{
+    static const double flat[4][2] = {{20, 20}, {20, 492}, {492, 492}, {492, 20}};
+    double top[4][3], bottom[4][3], tip[3];
+    for (int i = 0; i < 4; i++) {
+        for (int axis = 0; axis < 2; axis++) {
+            top[i][axis] = bottom[i][axis] = flat[i][axis];
+            tip[axis] = 150.0 + 200.0 * soup_unit(soup);
+        }
+        top[i][2] = 100.0;
+        bottom[i][2] = 480.0;
+    }
+    tip[2] = soup->size + 5.0 * soup_unit(soup);
+    soup_add_closed(soup, top[0], top[1], top[2], 0);
+    soup_add_closed(soup, top[0], top[2], top[3], 0);
+    for (int i = 0; i < 4; i++) {
+        const int next = (i + 1) % 4;
+        soup_add_closed(soup, top[next], top[i], bottom[i], 0);
+        soup_add_closed(soup, top[next], bottom[i], bottom[next], 0);
+        soup_add_closed(soup, bottom[next], bottom[i], tip, 0);
+    }
+}
+
+/* Texels at the tip have no back face within the map, so their end is their lit. */
+static void a_back_beyond_the_last_voxel_ends_nothing(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        struct soup soup;
+        soup_init(&soup, 512, seed);
+        soup_tipped_box(&soup);
+        soup_before_lamp(&soup, 200.0);
+        assert_true(proven_count(&soup, 9) > 16);
+        check_lamp(&soup);
+        soup_finish(&soup);
+    }
+}
+
 static void only_silhouettes_are_borders(void **state)
 {
     (void)state;
@@ -374,6 +457,10 @@ static void what_lies_beside_a_square_counts_whatever_the_tile(void **state)
         }
         prove_all(&soup, umbb_depth_embree_create, 6, other);
         assert_memory_equal(other, first, sizeof first);
+        if (seed % 4 == 0) {
+            soup_before_lamp(&soup, 100.0);
+            check_lamp(&soup);
+        }
         soup_finish(&soup);
     }
 }
@@ -385,6 +472,8 @@ int main(void)
         cmocka_unit_test(proven_squares_change_no_defined_voxel),
         cmocka_unit_test(a_sheet_called_closed_ends_in_shadow),
         cmocka_unit_test(every_path_and_tile_size_proves_the_same),
+        cmocka_unit_test(proven_squares_of_lamps_change_no_voxel),
+        cmocka_unit_test(a_back_beyond_the_last_voxel_ends_nothing),
         cmocka_unit_test(what_lies_beside_a_square_counts_whatever_the_tile),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -264,6 +264,90 @@ static void the_ktx_file_holds_what_was_derived(void **state)
     volume_fixture_close(&f);
 }
 
+/* Root mean square of the jump between cascades i - 1 and i at points of the view at the split. */
+static double jump(const struct umb_derived *derived, uint32_t i, int matched, uint64_t seed)
+{
+    double sum = 0.0;
+    struct umb_map_query queries[2];
+    for (uint32_t k = 0; k < 2; k++) {
+        const struct umb_map_filter filter = {.contrast =
+                                                  matched ? derived->contrast[i - 1 + k] : 1.0};
+        assert_int_equal(umb_map_prepare(derived->maps[i - 1 + k], &filter, &queries[k], NULL),
+                         UMB_OK);
+    }
+    for (int n = 0; n < 20000; n++) {
+        const double z = derived->splits[i];
+        const double x = (2 * random_unit(&seed) - 1) * z * 0.8;
+        const double y = (2 * random_unit(&seed) - 1) * z * 0.5;
+        const double world[3] = {camera.eye[0] + 0.8 * z + 0.6 * -x,
+                                 camera.eye[1] - 0.6 * z - 0.8 * x, camera.eye[2] + y};
+        const struct umb_points points = {.positions = world, .format = UMB_POINT_F64, .count = 1};
+        float values[2];
+        umb_map_run(&queries[0], &points, 0, 1, &values[0]);
+        umb_map_run(&queries[1], &points, 0, 1, &values[1]);
+        sum += ((double)values[1] - (double)values[0]) * ((double)values[1] - (double)values[0]);
+    }
+    return sqrt(sum / 20000);
+}
+
+static void contrasts_of_cascades_hide_their_seams(void **state)
+{
+    (void)state;
+    struct volume_fixture f;
+    volume_fixture_open(&f, fixture_hills, LOG2_SIZE, 0, 0);
+    struct umb_derive_settings settings = {
+        .width = 64,
+        .height = 64,
+        .camera = &camera,
+        .map = {.technique = UMB_MAP_VSM, .blur = 9},
+        .match_contrast = 1,
+        .cascades = {.count = 3, .weight = 0.7, .fit = UMB_CASCADE_SCENE, .blend = 0.125}};
+    struct umb_derived *derived = derive(f.asset, &settings);
+    const uint8_t *bytes;
+    size_t size;
+    assert_true(derived->contrast[0] == 1.0);
+    /* A seam that is hidden makes its layer darker, and may deepen the next: the sum must fall. */
+    double before = 0.0, after = 0.0;
+    for (uint32_t i = 1; i < 3; i++) {
+        const double one = jump(derived, i, 0, 8 + i), two = jump(derived, i, 1, 8 + i);
+        print_message("seam %u: C = %.3f, jump %.4f, then %.4f\n", i, derived->contrast[i], one,
+                      two);
+        before += one * one;
+        after += two * two;
+    }
+    assert_true(after < 0.8 * before);
+    assert_int_equal(umb_derived_ktx2(derived, &bytes, &size, NULL), UMB_OK);
+    const char *json = (const char *)bytes + word(bytes + 56) + 4 +
+                       (word(bytes + word(bytes + 56)) + 3) / 4 * 4 + 16;
+    assert_non_null(strstr(json, "\"blend\":0.125"));
+    for (uint32_t i = 0; i < 3; i++) {
+        json = strstr(json, "\"contrast\":");
+        assert_non_null(json);
+        json += strlen("\"contrast\":");
+        assert_true(strtod(json, NULL) == derived->contrast[i]);
+    }
+    umb_derived_destroy(derived);
+    settings.match_contrast = 0;
+    settings.contrast = 2.5;
+    derived = derive(f.asset, &settings);
+    assert_true(derived->contrast[0] == 2.5 && derived->contrast[2] == 2.5);
+    umb_derived_destroy(derived);
+    const struct umb_derive_settings bad[] = {
+        {.width = 8, .height = 8, .contrast = 2},
+        {.width = 8, .height = 8, .contrast = 2, .map = {.technique = UMB_MAP_MSM}},
+        {.width = 8, .height = 8, .contrast = (double)NAN, .map = {.technique = UMB_MAP_VSM}},
+        {.width = 8, .height = 8, .contrast = 2e6, .map = {.technique = UMB_MAP_VSM}},
+        {.width = 8, .height = 8, .match_contrast = 1, .map = {.technique = UMB_MAP_VSM}},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct umb_error error;
+        assert_int_equal(umb_derive(f.asset, &bad[i], NULL, &derived, &error),
+                         i < 2 ? UMB_E_UNSUPPORTED : UMB_E_ARGUMENT);
+        assert_non_null(strstr(error.message, "contrast"));
+    }
+    volume_fixture_close(&f);
+}
+
 /* What is alive and its peak; each block carries its size in front. */
 struct held {
     size_t live, peak;
@@ -299,6 +383,7 @@ static void no_more_bytes_are_held_than_told(void **state)
         uint32_t width, height, cascades;
         struct umb_map_settings map;
     } cases[] = {
+        {4, 4, 8, {.technique = UMB_MAP_VSM}}, /* with its contrasts matched */
         {1, 1, 0, {.technique = UMB_MAP_PCF}},
         {16384, 1, 0, {.technique = UMB_MAP_PCF, .format = UMB_MAP_U16}},
         {16384, 2, 0, {.technique = UMB_MAP_VSM}},
@@ -317,6 +402,7 @@ static void no_more_bytes_are_held_than_told(void **state)
             .width = cases[i].width, .height = cases[i].height, .map = cases[i].map};
         settings.camera = cases[i].cascades ? &camera : NULL;
         settings.cascades = (struct umb_cascade_settings){.count = cases[i].cascades, .weight = 1};
+        settings.match_contrast = i == 0;
         struct umb_derived *derived;
         const uint8_t *bytes;
         size_t size;
@@ -496,6 +582,7 @@ int main(void)
         cmocka_unit_test(cascades_hold_the_columns_of_their_texels),
         cmocka_unit_test(a_derived_map_answers_as_the_voxels_do),
         cmocka_unit_test(the_ktx_file_holds_what_was_derived),
+        cmocka_unit_test(contrasts_of_cascades_hide_their_seams),
         cmocka_unit_test(no_more_bytes_are_held_than_told),
         cmocka_unit_test(lights_with_a_position_are_refused_with_and_without_a_camera),
         cmocka_unit_test(what_cannot_be_derived_is_named),

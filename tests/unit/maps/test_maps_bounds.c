@@ -233,10 +233,40 @@ static void variances_equal_long_double_ones_where_rounding_can_be_told_from_the
     assert_true(told > CASES / 4);
 }
 
+/* The contrast C bends the bound: 1 and less keep it, more breaks it by the amount that the header
+ * warns of. */
+static void a_contrast_above_1_is_no_bound_any_more(void **state)
+{
+    (void)state;
+    static const double contrasts[] = {0.25, 1.0, 4.0, 16.0};
+    double below[4], above[4];
+    for (int c = 0; c < 4; c++) {
+        const struct umb_map_frustum frustum = plain_frustum(SIDE, SIDE);
+        const struct umb_map_settings settings = {.technique = UMB_MAP_VSM, .blur = BLUR};
+        struct umb_map *map = map_of(&frustum, &depth[0][0], &settings);
+        struct umb_map_info info;
+        umb_map_get_info(map, &info);
+        const struct umb_map_query query =
+            query_of(map, &(struct umb_map_filter){.contrast = contrasts[c]});
+        ask(&query, (const double(*)[3])at, CASES, values);
+        below[c] = above[c] = 0.0;
+        for (int i = 0; i < CASES; i++) {
+            below[c] = fmax(below[c], (double)shares[i] - (double)values[i]);
+            above[c] += fmax((double)values[i] - (double)shares[i], 0.0) / CASES;
+        }
+        assert_true(contrasts[c] > 1.0 || below[c] <= info.slack);
+        umb_map_destroy(map);
+    }
+    print_message("below the share: %.3f with C = 4, %.3f with 16\n", below[2], below[3]);
+    assert_true(below[2] > 0.2 && below[3] > below[2]);
+    assert_true(above[0] > above[1] && above[1] > above[2] && above[2] > above[3]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(upper_bounds_hold_within_their_stated_slack),
+        cmocka_unit_test(a_contrast_above_1_is_no_bound_any_more),
         cmocka_unit_test(fourier_series_equal_long_double_ones_within_the_stated_slack),
         cmocka_unit_test(exponentials_equal_long_double_ones_within_the_stated_slack),
         cmocka_unit_test(variances_equal_long_double_ones_where_rounding_can_be_told_from_them),

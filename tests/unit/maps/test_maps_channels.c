@@ -188,6 +188,57 @@ static void chains_refuse_sides_that_do_not_halve(void **state)
     assert_int_equal(umb_map_build(&frustum, &layer, &settings, NULL, &map, NULL), UMB_E_ARGUMENT);
 }
 
+/* A texel of several samples holds the mean of their channels: the first two Chebyshev moments
+ * here, and the logarithm of the mean exponential. */
+static void samples_of_a_texel_are_averaged_as_channels(void **state)
+{
+    (void)state;
+    enum {
+        TEXELS = 6,
+        SAMPLES = 4
+    };
+    static const float depths[TEXELS * SAMPLES] = {0.1F, 0.1F, 0.1F, 0.1F, 0.2F, 0.9F, 0.2F, 0.9F,
+                                                   1.0F, 1.0F, 0.3F, 1.0F, 0.5F, 0.6F, 0.7F, 0.8F,
+                                                   0.0F, 1.0F, 0.0F, 1.0F, 0.4F, 0.4F, 0.4F, 0.8F};
+    const struct umb_map_frustum frustum = plain_frustum(3, 2);
+    const struct umb_map_layer layer = {.depth = depths, .samples = SAMPLES};
+    for (int esm = 0; esm < 2; esm++) {
+        const struct umb_map_settings settings = {.technique = esm ? UMB_MAP_ESM : UMB_MAP_MSM,
+                                                  .exponent = esm ? 40 : 0};
+        struct umb_map *map;
+        struct umb_map_level level;
+        assert_int_equal(umb_map_build(&frustum, &layer, &settings, NULL, &map, NULL), UMB_OK);
+        assert_int_equal(umb_map_get_level(map, 0, &level), UMB_OK);
+        const float *texels = level.texels;
+        for (int i = 0; i < TEXELS; i++) {
+            long double first = 0, second = 0, exponential = 0;
+            for (int s = 0; s < SAMPLES; s++) {
+                const long double z = (long double)depths[i * SAMPLES + s], d = 2 * z - 1;
+                first += d / SAMPLES;
+                second += (2 * d * d - 1) / SAMPLES;
+                exponential += expl(40 * z) / SAMPLES;
+            }
+            if (esm) {
+                assert_true(fabsl((long double)texels[i] - logl(exponential) / 40) < 1e-7L);
+            } else {
+                assert_true(fabsl((long double)texels[4 * i] - first) < 1e-7L);
+                assert_true(fabsl((long double)texels[4 * i + 1] - second) < 1e-7L);
+            }
+        }
+        umb_map_destroy(map);
+    }
+    struct umb_map *map;
+    struct umb_error error;
+    const struct umb_map_settings one = {0}, plane = {.technique = UMB_MAP_VSM, .depth_plane = 1};
+    assert_int_equal(umb_map_build(&frustum, &layer, &one, NULL, &map, &error), UMB_E_UNSUPPORTED);
+    assert_non_null(strstr(error.message, "layer.samples is 4"));
+    assert_int_equal(umb_map_build(&frustum, &layer, &plane, NULL, &map, &error),
+                     UMB_E_UNSUPPORTED);
+    const struct umb_map_layer many = {.depth = depths, .samples = 17};
+    assert_int_equal(umb_map_build(&frustum, &many, &one, NULL, &map, &error), UMB_E_ARGUMENT);
+    assert_non_null(strstr(error.message, "layer.samples is 17; it must be 1..16"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -196,6 +247,7 @@ int main(void)
         cmocka_unit_test(boxes_of_tables_are_exact_at_the_far_corner_of_a_large_map),
         cmocka_unit_test(blur_and_chain_average_what_they_cover),
         cmocka_unit_test(chains_refuse_sides_that_do_not_halve),
+        cmocka_unit_test(samples_of_a_texel_are_averaged_as_channels),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

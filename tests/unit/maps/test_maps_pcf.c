@@ -276,6 +276,177 @@ static void penumbra_of_a_spot_light_follows_similar_triangles(void **state)
     umb_map_destroy(map);
 }
 
+/* Share of a box of real width that lies over lit texels, by plain loops over small squares. */
+static double box_share(double x, double y, double width, double depth)
+{
+    enum {
+        STEPS = 64
+    };
+    int lit = 0;
+    for (int i = 0; i < STEPS * STEPS; i++) {
+        const double u = x + width * ((i % STEPS + 0.5) / STEPS - 0.5);
+        const double v = y + width * ((i / STEPS + 0.5) / STEPS - 0.5);
+        lit += plain_texel((int64_t)floor(u), (int64_t)floor(v), depth, 0);
+    }
+    return (double)lit / (STEPS * STEPS);
+}
+
+static void bilinear_boxes_weigh_texels_by_their_share(void **state)
+{
+    (void)state;
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    uint64_t seed = scatter(22);
+    struct umb_map *map = map_of(&frustum, &layer[0][0], &(struct umb_map_settings){0});
+    static const double widths[] = {1.0, 2.0, 2.75, 9.0};
+    for (int i = 0; i < 400; i++) {
+        const double width = widths[i % 4];
+        const double x = 6.0 + random_unit(&seed) * (W - 12),
+                     y = 6.0 + random_unit(&seed) * (H - 12);
+        const double depth = 0.05 + 0.9 * random_unit(&seed);
+        const struct umb_map_query query =
+            query_of(map, &(struct umb_map_filter){.kernel = UMB_MAP_BILINEAR, .width = width});
+        /* A border that crosses the squares is off by half of one on each side and axis. */
+        assert_true(fabs(ask_one(&query, x, y, depth) - box_share(x, y, width, depth)) <
+                    4.0 / 64.0);
+    }
+    /* Width 1 is the 2 x 2 comparison of graphics hardware: weights of bilinear interpolation. */
+    const struct umb_map_query query =
+        query_of(map, &(struct umb_map_filter){.kernel = UMB_MAP_BILINEAR});
+    for (int i = 0; i < 2000; i++) {
+        const double x = 2.0 + random_unit(&seed) * (W - 4), y = 2.0 + random_unit(&seed) * (H - 4);
+        const double depth = 0.05 + 0.9 * random_unit(&seed);
+        const int64_t x0 = (int64_t)floor(x - 0.5), y0 = (int64_t)floor(y - 0.5);
+        const double fx = x - 0.5 - (double)x0, fy = y - 0.5 - (double)y0;
+        const double expected = (1 - fy) * ((1 - fx) * plain_texel(x0, y0, depth, 0) +
+                                            fx * plain_texel(x0 + 1, y0, depth, 0)) +
+                                fy * ((1 - fx) * plain_texel(x0, y0 + 1, depth, 0) +
+                                      fx * plain_texel(x0 + 1, y0 + 1, depth, 0));
+        assert_true(fabs(ask_one(&query, x, y, depth) - expected) < 1e-6);
+    }
+    umb_map_destroy(map);
+    map = map_of(&frustum, &layer[0][0], &(struct umb_map_settings){.technique = UMB_MAP_VSM});
+    struct umb_map_query refused;
+    assert_int_equal(
+        umb_map_prepare(map, &(struct umb_map_filter){.kernel = UMB_MAP_BILINEAR}, &refused, NULL),
+        UMB_E_UNSUPPORTED);
+    umb_map_destroy(map);
+}
+
+/* The penumbra's width in texels at a point of map space without normals: the mean depth of the
+ * blockers under the widest window, then similar triangles. */
+static double penumbra_of(double x, double y, double depth, double light, double nearest)
+{
+    const double spread = 2.0 * tan(0.5 * light) * 100.0; /* texels are metres, depth is 100 m */
+    const double widest = fmin(fmax(spread * (depth - nearest), 1.0), 64.0);
+    double sum = 0.0;
+    int count = 0;
+    for (int ty = 0; ty < H; ty++) {
+        for (int tx = 0; tx < W; tx++) {
+            const int under = tx + 1 > x - 0.5 * widest && tx < x + 0.5 * widest &&
+                              ty + 1 > y - 0.5 * widest && ty < y + 0.5 * widest;
+            if (under && layer[ty][tx] < 1.0F && (double)layer[ty][tx] < depth) {
+                sum += (double)layer[ty][tx];
+                count++;
+            }
+        }
+    }
+    return count > 0 ? fmin(fmax(spread * (depth - sum / count), 1.0), 64.0) : 0.0;
+}
+
+/* A filtered map with its depths asks the window that the penumbra spans, and nothing else. */
+static void filtered_maps_ask_the_window_of_the_penumbra(void **state)
+{
+    (void)state;
+    static const struct umb_map_settings cases[] = {
+        {.technique = UMB_MAP_VSM, .access = UMB_MAP_SAT},
+        {.technique = UMB_MAP_MSM, .access = UMB_MAP_SAT},
+        {.technique = UMB_MAP_LVSM, .access = UMB_MAP_SAT, .terms = 3},
+        {.technique = UMB_MAP_CONVOLUTION, .access = UMB_MAP_SAT, .terms = 4},
+        {.technique = UMB_MAP_ESM, .access = UMB_MAP_MIPS, .exponent = 60},
+        {.technique = UMB_MAP_EVSM, .access = UMB_MAP_MIPS, .exponent = 20},
+    };
+    const double light = 2.0 * atan(0.1);
+    uint64_t seed = scatter(57);
+    double nearest = 1.0;
+    for (int i = 0; i < W * H; i++) {
+        nearest = fmin(nearest, (double)layer[i / W][i % W]);
+    }
+    for (size_t c = 0; c < sizeof cases / sizeof cases[0]; c++) {
+        const struct umb_map_frustum frustum = plain_frustum(
+            cases[c].access == UMB_MAP_MIPS ? 64 : W, cases[c].access == UMB_MAP_MIPS ? 32 : H);
+        static float small[32][64];
+        for (int i = 0; i < 64 * 32; i++) {
+            small[i / 64][i % 64] = 0.2F + 0.1F * (float)(i % 7);
+        }
+        const float *depths = cases[c].access == UMB_MAP_MIPS ? &small[0][0] : &layer[0][0];
+        struct umb_map_settings settings = cases[c];
+        struct umb_map *plain = map_of(&frustum, depths, &settings);
+        settings.keep_depth = 1;
+        struct umb_map *map = map_of(&frustum, depths, &settings);
+        struct umb_map_info infos[2];
+        umb_map_get_info(plain, &infos[0]);
+        umb_map_get_info(map, &infos[1]);
+        assert_true(infos[1].bytes == infos[0].bytes + 4ULL * frustum.width * frustum.height);
+        const struct umb_map_query soft =
+            query_of(map, &(struct umb_map_filter){.width = 64, .light_size = light});
+        for (int i = 0; i < 200; i++) {
+            const double x = random_unit(&seed) * frustum.width;
+            const double y = random_unit(&seed) * frustum.height;
+            const double depth = 0.05 + 0.9 * random_unit(&seed);
+            if (cases[c].access == UMB_MAP_MIPS) {
+                const double value = ask_one(&soft, x, y, depth);
+                assert_true(value >= 0.0 && value <= 1.0);
+                continue; /* levels of the chain have no widths of their own to ask for */
+            }
+            const double width = penumbra_of(x, y, depth, light, nearest);
+            double expected = 1.0;
+            if (width > 0.0) {
+                const struct umb_map_query box =
+                    query_of(plain, &(struct umb_map_filter){.width = width});
+                expected = ask_one(&box, x, y, depth);
+            }
+            assert_true(fabs(ask_one(&soft, x, y, depth) - expected) < 1e-5);
+        }
+        umb_map_destroy(plain);
+        umb_map_destroy(map);
+    }
+    struct umb_map *map;
+    const struct umb_map_frustum frustum = plain_frustum(W, H);
+    const struct umb_map_layer in = {.depth = &layer[0][0]};
+    struct umb_map_settings bad = {.technique = UMB_MAP_VSM, .keep_depth = 1};
+    assert_int_equal(umb_map_build(&frustum, &in, &bad, NULL, &map, NULL), UMB_E_UNSUPPORTED);
+    bad = (struct umb_map_settings){.keep_depth = 1};
+    assert_int_equal(umb_map_build(&frustum, &in, &bad, NULL, &map, NULL), UMB_E_UNSUPPORTED);
+}
+
+/* The trilinear level of a penumbra is that of a box as wide. */
+static void chains_take_the_level_of_the_penumbra(void **state)
+{
+    (void)state;
+    enum {
+        SIDE = 64
+    };
+    static float edge[SIDE][SIDE];
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        edge[i / SIDE][i % SIDE] = i % SIDE < SIDE / 2 ? 0.2F : 1.0F;
+    }
+    const struct umb_map_frustum frustum = plain_frustum(SIDE, SIDE);
+    struct umb_map_settings settings = {
+        .technique = UMB_MAP_MSM, .access = UMB_MAP_MIPS, .keep_depth = 1};
+    struct umb_map *map = map_of(&frustum, &edge[0][0], &settings);
+    const double light = 2.0 * atan(0.1); /* 20 m of penumbra behind 100 m */
+    const struct umb_map_query soft =
+        query_of(map, &(struct umb_map_filter){.width = 64, .light_size = light});
+    for (double x = 24.0; x < 40.0; x += 0.5) {
+        /* float(0.2) is off by 3e-9. */
+        const double width = 20.0 * (0.7 - 0.2);
+        const struct umb_map_query box = query_of(map, &(struct umb_map_filter){.width = width});
+        const double expected = x < 37.0 ? ask_one(&box, x, 32.0, 0.7) : 1.0;
+        assert_true(fabs(ask_one(&soft, x, 32.0, 0.7) - expected) < 1e-5);
+    }
+    umb_map_destroy(map);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -286,6 +457,9 @@ int main(void)
         cmocka_unit_test(poisson_kernel_approaches_the_share_of_the_disc),
         cmocka_unit_test(penumbra_of_an_edge_is_linear_and_as_wide_as_geometry_says),
         cmocka_unit_test(penumbra_of_a_spot_light_follows_similar_triangles),
+        cmocka_unit_test(bilinear_boxes_weigh_texels_by_their_share),
+        cmocka_unit_test(filtered_maps_ask_the_window_of_the_penumbra),
+        cmocka_unit_test(chains_take_the_level_of_the_penumbra),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

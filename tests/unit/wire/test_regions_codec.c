@@ -130,8 +130,10 @@ static struct umbw_derive_request derive_sample(int cascades)
                              .moment_bias = 0.5}},
     };
     if (cascades) {
-        request.settings.cascades =
-            (struct umb_cascade_settings){.count = 8, .weight = 0.7, .fit = UMB_CASCADE_LISPSM};
+        request.settings.cascades = (struct umb_cascade_settings){
+            .count = 8, .weight = 0.7, .fit = UMB_CASCADE_LISPSM, .blend = 0.25};
+        request.settings.contrast = 1.5;
+        request.settings.match_contrast = 1;
         request.view = (struct umb__map_view){.eye = {1, 2, 3},
                                               .right = {1, 0, 0},
                                               .up = {0, 1, 0},
