@@ -129,21 +129,15 @@ with test.check("a closed asset refuses; closing twice and in a with statement i
         refused(lambda: gone.query(P), "closed")
     held = umbrage.open(ASSET)
     large = np.tile(P, (100000, 1))
-    thread = threading.Thread(target=lambda: held.query(large, taps=17))
+    want, found = held.query(large, taps=17), []
+    thread = threading.Thread(target=lambda: found.append(held.query(large, taps=17)))
     thread.start()
-    busy = 0
-    while thread.is_alive():
-        try:
-            held.query(P)
-            held.close()
-            break
-        except RuntimeError:
-            busy += 1
-        except ValueError:
-            break
-    thread.join()
-    assert busy > 0
+    time.sleep(0.02)
     held.close()
+    was_busy = thread.is_alive()
+    refused(lambda: held.query(P), "closed")
+    thread.join()
+    assert was_busy and (found[0] == want).all()
 
 with test.check("Ctrl-C ends a long batch, a wait for a job and a bake at once; the asset stays usable"):
     def interrupted(call):

@@ -23,9 +23,14 @@ def as_array(value: Any, name: str, last: Optional[int], dtypes: Any = (FLOAT, D
     """
     if not isinstance(value, np.ndarray):
         try:
-            value = np.asarray(value, dtype=dtypes[-1])
+            found = np.asarray(value)
         except (TypeError, ValueError):
-            raise TypeError(f"{name}: must be an array or list of numbers, not {type(value).__name__}") from None
+            found = np.empty(0, object)
+        if found.dtype.kind not in "biuf":
+            raise TypeError(f"{name}: must be an array or list of numbers, not {type(value).__name__}")
+        value = np.array(found, dtypes[-1], order="C")
+    elif isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{name}: a masked array: use {name}.compressed() or {name}.filled()")
     elif value.dtype not in dtypes:
         wanted = " or ".join(str(dtype) for dtype in dtypes)
         raise TypeError(f"{name}: dtype {value.dtype}, must be {wanted}: use {name}.astype({dtypes[-1]})")
@@ -45,12 +50,27 @@ def like(value: Any, name: str, shape: tuple[int, ...], last: Optional[int] = No
     return value
 
 
+def number(value: Any, name: str) -> float:
+    """A float. Raises TypeError, and ValueError for a number beyond those of a float."""
+    try:
+        if not isinstance(value, (str, bytes)):
+            return float(value)
+    except (TypeError, ValueError):
+        pass
+    except OverflowError:
+        raise ValueError(f"{name}: an int beyond the largest float") from None
+    raise TypeError(f"{name}: must be a number, not {type(value).__name__}")
+
+
 def triple(value: Any, name: str) -> tuple[float, float, float]:
     """Three finite numbers as a tuple."""
     try:
-        x, y, z = (float(number) for number in value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: must be three numbers") from None
+        numbers = tuple(value)
+    except TypeError:
+        numbers = ()
+    if len(numbers) != 3 or isinstance(value, (str, bytes)):
+        raise TypeError(f"{name}: must be three numbers")
+    x, y, z = (number(one, name) for one in numbers)
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         raise ValueError(f"{name}: ({x}, {y}, {z}), must be finite")
     return x, y, z
@@ -64,11 +84,23 @@ def writable(value: Any, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
         raise TypeError(f"{name}: dtype {value.dtype}, must be {dtype}")
     if value.shape != shape:
         raise ValueError(f"{name}: shape {value.shape}, must be {shape}")
-    if not value.flags.c_contiguous:
-        raise ValueError(f"{name}: not contiguous")
+    if not value.flags.c_contiguous or not value.flags.aligned:
+        raise ValueError(f"{name}: not contiguous, or not at an address that its dtype needs")
     if not value.flags.writeable:
         raise ValueError(f"{name}: read-only")
     return value
+
+
+def slice_of(batch: Any, first: int, count: int) -> Any:
+    """A struct umb_points of points first .. first + count - 1 of a batch."""
+    part = ffi.new("struct umb_points *", batch[0])
+    part.count = count
+    part.positions = ffi.cast("char *", batch.positions) + first * (24 if batch.format == core.UMB_POINT_F64 else 12)
+    if batch.normals != ffi.NULL:
+        part.normals = ffi.cast("float *", batch.normals) + 3 * first
+    if batch.footprints != ffi.NULL:
+        part.footprints = ffi.cast("float *", batch.footprints) + first
+    return part
 
 
 def c_points(points: Any, origin: Any, normals: Any, footprints: Any) -> tuple[Any, list[Any]]:

@@ -7,7 +7,8 @@ A wheel carries the libraries in the folder `lib` beside this file; else the sys
 from __future__ import annotations
 
 import os
-from typing import Any
+import weakref
+from typing import Any, Callable
 
 from ._declarations import ffi as _ffi
 from .errors import raise_status
@@ -18,7 +19,8 @@ _FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "lib")
 
 def _load(name: str) -> Any:
     own = os.path.join(_FOLDER, name)
-    return ffi.dlopen(own if os.path.exists(own) else name)
+    # Never unloaded: objects that Python frees last, at its end, still call functions of it.
+    return ffi.dlopen(own if os.path.exists(own) else name, ffi.RTLD_NOW | ffi.RTLD_NODELETE)
 
 
 core = _load("libumbrage-core.so.1")
@@ -26,6 +28,17 @@ rpc = _load("libumbrage.so.1")
 maps = _load("libumbrage-maps.so.1")
 
 OK = core.UMB_OK
+
+
+class Handle:
+    """
+    A C object that many threads use. Each call holds the handle; `close` runs when the last one lets go of it. An
+    interrupt at any moment, or a close beside a call, therefore frees nothing that is in use. At exit nothing is freed.
+    """
+
+    def __init__(self, pointer: Any, close: Callable[..., Any], *more: Any) -> None:
+        self.pointer = pointer
+        weakref.finalize(self, close, pointer, *more).atexit = False
 
 
 def new_error() -> Any:
@@ -60,6 +73,11 @@ def path_bytes(path: Any, name: str = "path") -> bytes:
     if b"\0" in encoded:
         raise ValueError(f"{name}: has a NUL character")
     return encoded
+
+
+def path_text(path: Any, name: str = "path") -> str:
+    """A path as str. Raises as path_bytes."""
+    return os.fsdecode(path_bytes(path, name))
 
 
 def asset_id(value: Any, name: str = "id") -> Any:

@@ -4,9 +4,10 @@ Keyword arguments of queries as struct umb_query_settings.
 """
 from __future__ import annotations
 
+import operator
 from typing import Any, NamedTuple
 
-from ._arrays import triple
+from ._arrays import number, triple
 from ._library import core, ffi, text
 
 FILTERS = {text(core.umb_filter_name(i)): i for i in range(core.UMB_FILTERS)}
@@ -48,19 +49,11 @@ def choose(table: dict[str, Any], value: Any, name: str) -> Any:
         raise ValueError(f"{name}: {value!r}, must be one of {', '.join(table)}") from None
 
 
-def number(value: Any, name: str) -> float:
-    """A float. Raises TypeError."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: must be a number, not {type(value).__name__}") from None
-
-
 def count(value: Any, name: str, most: int = 0xFFFFFFFF, least: int = 0) -> int:
     """A whole number from `least` to `most`. Raises TypeError or ValueError."""
     try:
-        whole = int(value.__index__())
-    except AttributeError:
+        whole = operator.index(value)
+    except TypeError:
         raise TypeError(f"{name}: must be a whole number, not {type(value).__name__}") from None
     if not least <= whole <= most:
         raise ValueError(f"{name}: {whole}, must be {least} to {most}")

@@ -5,8 +5,9 @@ Batches in slices: on one thread so that Ctrl-C is heard between them, on severa
 from __future__ import annotations
 
 import itertools
+import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Callable, Optional
 
 SLICE = 65536  # points: some milliseconds; a multiple of 512, so that no two slices share a cache line of answers
@@ -21,11 +22,28 @@ def _threads(count: int) -> Any:
     global _pool, _pool_threads
     with _pool_lock:
         if _pool_threads < count:
-            if _pool is not None:
-                _pool.shutdown(wait=False)
-            _pool = ThreadPoolExecutor(count, "umbrage")
+            _pool = ThreadPoolExecutor(count, "umbrage")  # the threads of a smaller one end with their last batch
             _pool_threads = count
         return _pool
+
+
+def _forget() -> None:
+    """A child after fork has none of the threads."""
+    global _pool, _pool_threads, _pool_lock
+    _pool, _pool_threads, _pool_lock = None, 0, threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget)
+
+
+def _end(futures: list[Future[None]]) -> None:
+    """Waits for what is under way, also when interrupted once more: a slice takes milliseconds."""
+    for future in futures:
+        while not future.cancel() and not future.done():
+            try:
+                future.exception()
+            except BaseException:
+                pass
 
 
 def run_slices(one: Callable[[int, int], Any], count: int, threads: int = 1, size: int = SLICE) -> None:
@@ -46,14 +64,29 @@ def run_slices(one: Callable[[int, int], Any], count: int, threads: int = 1, siz
                 return
             one(first, min(size, count - first))
 
-    pool = _threads(threads - 1)
-    futures = [pool.submit(work) for _ in range(threads - 1)]
+    pool, futures = _threads(threads - 1), []
     try:
+        for _ in range(threads - 1):
+            futures.append(pool.submit(work))
         work()
         for future in futures:
-            future.result()
+            if not future.cancel():  # it has begun
+                future.result()
     except BaseException:
         stop.set()
-        for future in futures:
-            future.exception()
+        _end(futures)
         raise
+
+
+def aside(call: Callable[[], Any]) -> Any:
+    """Calls a function that blocks in C on a thread of its own, so that Ctrl-C is heard meanwhile."""
+    future: Future[Any] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(call())
+        except BaseException as problem:
+            future.set_exception(problem)
+
+    threading.Thread(target=run, daemon=True).start()
+    return future.result()

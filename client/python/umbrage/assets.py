@@ -10,9 +10,9 @@ from typing import Any, Callable, Optional, Sequence, Union
 import numpy as np
 import numpy.typing as npt
 
-from ._arrays import DOUBLE, FLOAT, as_array, c_points, writable
+from ._arrays import DOUBLE, FLOAT, as_array, c_points, triple, writable
 from ._library import ffi
-from ._settings import Dial, count
+from ._settings import FORMATS, Dial, choose, count
 from .errors import NotFoundError, UnsupportedError
 from .info import AssetInfo, Light
 from .maps import Camera, Derived
@@ -127,7 +127,8 @@ class Asset:
     """
     The shadows of one scene. `umbrage.open` makes it; use it in a `with` statement, or call `close`.
 
-    Threads: any number of threads may query an asset at once; `close` raises RuntimeError while one does.
+    Threads: any number of threads may query an asset at once. Calls that are under way when it is closed end as if it
+    were open.
     """
 
     info: AssetInfo
@@ -152,7 +153,7 @@ class Asset:
         """The lights, in the order of their numbers."""
         return self.info.lights
 
-    def query(self, points: Numbers, normals: Optional[Numbers] = None, *, taps: int = 1, light: LightChoice = 0,
+    def query(self, points: Numbers, normals: Optional[Numbers] = None, *, taps: Optional[int] = None, light: LightChoice = 0,
               filter: str = "box", bias: Union[str, float] = "auto", bias_unit: str = "metres", format: str = "f32",
               origin: Optional[Triple] = None, footprints: Optional[Numbers] = None, footprint_m: float = 0.0,
               level: int = 0, light_extent: float = 0.0, opaque_only: bool = False, eye: Optional[Triple] = None,
@@ -163,7 +164,7 @@ class Asset:
 
         points      float32 or float64[..., 3], metres, world space; contiguous; not copied
         normals     float32[..., 3], world space, any length; exact bias, and receivers that face away are shadowed
-        taps        width of the filter in texels, odd, 1 to 17
+        taps        width of the filter in texels, odd, 1 to 17; None: 1, or the choice of max_error and its like
         light       number or name of a light; a list of them or "all" puts an axis of lights first
         filter      "box", "tent", "gaussian", "penumbra" or "footprint"
         bias        "auto", "none", or a length in bias_unit ("metres" or "voxels")
@@ -183,8 +184,18 @@ class Asset:
         Answers are the same bits for every batch size and number of threads, in process or over a daemon.
         """
         given: Any = as_array(points, "points", 3)
-        if threads != 1:
+        if threads.__class__ is not int or threads != 1:
             count(threads, "threads", THREADS_MAX, 1)
+        if taps.__class__ is not int:
+            taps = 0 if taps is None else count(taps, "taps")
+        if level.__class__ is not int:
+            level = count(level, "level")
+        if format.__class__ is not str:
+            choose(FORMATS, format, "format")
+        if isinstance(out, np.ndarray):
+            for array in (given, normals, footprints):
+                if isinstance(array, np.ndarray) and np.may_share_memory(out, array):
+                    raise ValueError("out: shares memory with points, normals or footprints")
         if light.__class__ is not int:
             numbers, is_one = self._light_numbers(light)
             if not is_one:
@@ -196,8 +207,12 @@ class Asset:
                     out)
             light = numbers[0]
         settings = (light, taps, filter, bias, bias_unit, format, footprint_m, level, light_extent, opaque_only,
-                    eye if eye is None else tuple(eye), pixel_rad)
-        dial = Dial(max_error, max_visibility, budget) if max_error or max_visibility or budget else NO_DIAL
+                    eye if eye is None else triple(eye, "eye"), pixel_rad)
+        try:
+            has_dial = bool(max_error or max_visibility or budget)
+        except ValueError:  # an array
+            has_dial = True
+        dial = Dial(max_error, max_visibility, budget) if has_dial else NO_DIAL
         batch, keep = c_points(given, origin, normals, footprints)
         shape = given.shape[:-1]
         if format == "f32":
@@ -205,8 +220,7 @@ class Asset:
         else:
             length = ((given.size // 3 + 7) // 8,) if format == "bit" else shape
             values = np.empty(length, BYTE) if out is None else writable(out, "out", length, BYTE)
-        result = self._answer(settings, dial, given, batch, values, stats, threads)
-        del keep
+        result = self._answer(settings, dial, shape, batch, keep, values, stats, threads)
         return result if stats else values
 
     def _query_lights(self, numbers: list[int], points: Any, rest: dict[str, Any], out: Any) -> Any:
@@ -215,7 +229,7 @@ class Asset:
         dtype: Any = FLOAT if format == "f32" else BYTE
         values = np.empty((len(numbers), *shape), dtype) if out is None else writable(out, "out", (len(numbers), *shape),
                                                                                      dtype)
-        results = [self.query(points, light=number, out=values[i], **rest) for i, number in enumerate(numbers)]
+        results = [self.query(points, light=number, out=values[i, ...], **rest) for i, number in enumerate(numbers)]
         return results if rest["stats"] else values
 
     def _light_numbers(self, light: Any) -> tuple[list[int], bool]:
@@ -227,13 +241,13 @@ class Asset:
             if not numbers:
                 raise NotFoundError(f"light: no light is named {light[:80]!r}", "E_NOT_FOUND")
             return numbers[:1], True
-        if isinstance(light, (list, tuple, np.ndarray)):
+        if isinstance(light, (list, tuple)) or isinstance(light, np.ndarray) and light.ndim:
             return [number for one in light for number in self._light_numbers(one)[0]], False
         return [count(light, "light")], True
 
-    def _answer(self, settings: tuple[Any, ...], dial: Dial, points: Any, batch: Any, values: Any, stats: bool,
-                threads: int) -> Optional[Result]:
-        """Answers a batch into `values`; a Result if `stats`."""
+    def _answer(self, settings: tuple[Any, ...], dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any,
+                values: Any, stats: bool, threads: int) -> Optional[Result]:
+        """Answers a batch, whose memory `keep` holds, into `values`; a Result if `stats`."""
         raise NotImplementedError
 
     def segments(self, ends: Numbers, *, light: int = 0, intervals: int = 0,
@@ -241,7 +255,7 @@ class Asset:
         """
         Finds the lit intervals of segments.
 
-        ends       float32 or float64[n, 2, 3] (or [n, 6]): both ends, metres, world space; contiguous
+        ends       float32 or float64[..., 2, 3] (or [..., 6]): both ends, metres, world space; contiguous
         intervals  number of intervals to return of each segment
         origin     added to every end
 
@@ -249,7 +263,7 @@ class Asset:
         Raises UnsupportedError for assets baked under the static rule.
         """
         array = as_array(ends, "ends", None)
-        if array.ndim < 1 or array.size % 6 != 0 or array.shape[-1] not in (3, 6):
+        if array.shape[-2:] != (2, 3) and array.shape[-1:] != (6,):
             raise ValueError(f"ends: shape {array.shape}, must be (n, 2, 3)")
         number = array.size // 6
         most = count(intervals, "intervals", 1 << 20)

@@ -11,8 +11,9 @@ import signal
 import subprocess
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Iterator, Mapping, Optional
 
+from ._library import path_text
 from .errors import CancelledError, Error, FileError, SceneError
 
 # Exit codes of umbrage-bake that have an exception of their own.
@@ -36,17 +37,17 @@ class Progress:
     unit: str = ""
 
 
-def words_of(options: dict[str, Any]) -> list[str]:
-    """Command line words: name=value is --name value, True is --name, a list repeats the option."""
-    words = []
+def pairs_of(options: Mapping[str, Any]) -> Iterator[tuple[str, Optional[str]]]:
+    """Names and values of options: True is an option without a value, False and None are left out, a list repeats."""
     for name, value in options.items():
-        option = "--" + name.rstrip("_").replace("_", "-")
         for one in value if isinstance(value, (list, tuple)) else (value,):
-            if one is True:
-                words.append(option)
-            elif one is not False and one is not None:
-                words += [option, str(one)]
-    return words
+            if one is not False and one is not None:
+                yield str(name).rstrip("_").replace("_", "-"), None if one is True else str(one)
+
+
+def words_of(options: Mapping[str, Any]) -> list[str]:
+    """Command line words of options."""
+    return [word for name, value in pairs_of(options) for word in (["--" + name] + ([] if value is None else [value]))]
 
 
 def _read_progress(lines: Any, progress: Callable[[Progress], Any], plan: list[str], problems: list[Any]) -> None:
@@ -61,7 +62,7 @@ def _read_progress(lines: Any, progress: Callable[[Progress], Any], plan: list[s
                 progress(Progress(phase, int(words[1]), int(words[2]), words[3]))
             elif words[:1] == ["plan"]:
                 plan.append(line[5:].strip())
-        except Exception as problem:  # the callback's: ends the bake
+        except BaseException as problem:  # the callback's: ends the bake
             problems.append(problem)
             return
 
@@ -78,9 +79,14 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
     The output appears whole or not at all. Ctrl-C ends the bake and leaves nothing. Raises SceneError, FileError, and
     Error with the sentence of umbrage-bake.
     """
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: must be callable, not {type(progress).__name__}")
+    names = [path_text(value, name) for value, name in ((program, "program"), (scene, "scene"), (output, "output"))]
+    given = words_of(options)
+    if any("\0" in word for word in given):
+        raise ValueError("options: have a NUL character")
     reader, writer = os.pipe()
-    words = [program, os.fspath(scene), "-o", os.fspath(output), "--json", "--progress-fd", str(writer),
-             *words_of(options)]
+    words = [*names[:2], "-o", names[2], "--json", "--progress-fd", str(writer), *given]
     plan: list[str] = []
     problems: list[Any] = []
     try:
@@ -105,6 +111,9 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
     except BaseException:
         process.send_signal(signal.SIGTERM)
         process.wait()
+        for pipe in (process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
         raise
     thread.join()
     if problems:
@@ -114,6 +123,9 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
         sentence = lines[-1].removeprefix("umbrage-bake: ") if lines else f"exit code {process.returncode}"
         kind, status = _CLASSES.get(process.returncode, (Error, "E_INTERNAL"))
         raise kind(f"{sentence} ({shlex.join(words[:2])} ...)", status)
-    report: dict[str, Any] = json.loads(told)
+    try:
+        report: dict[str, Any] = json.loads(told)
+    except ValueError:
+        raise Error(f"{program}: prints no report: is it umbrage-bake?", "E_PROTOCOL") from None
     report["plan"] = plan
     return report

@@ -7,15 +7,17 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import weakref
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, Mapping, Optional, Union
 
-
 from . import _library as lib
-from ._arrays import DOUBLE, triple
-from ._library import check, core, ffi, rpc, text
+from ._arrays import DOUBLE, number, triple
+from ._library import Handle, check, core, ffi, rpc, text
+from ._slices import aside
 from ._settings import Dial, Settings, c_dial, c_settings, count
 from .assets import Asset, Result, stats_of, whole_result
+from .bakes import pairs_of
 from .errors import raise_status
 from .info import AssetInfo, curve_row, light_of, three
 from .range_asset import RangeAsset
@@ -73,57 +75,109 @@ def job_status(status: Any) -> JobStatus:
                      text(status.owner), status.priority)
 
 
-class _Call:
-    """An asynchronous call: wait() ends with it, or cancels it when interrupted."""
+def _close_client(pointer: Any, _calls: Any, pid: int) -> None:
+    """Closes a client. Never on its own thread, where the collector may drop the last holder; never in a fork."""
+    if os.getpid() != pid:
+        return
+    ours = [one.ident for one in threading.enumerate() if not isinstance(one, threading._DummyThread)]
+    if threading.get_ident() in ours:
+        rpc.umb_client_close(pointer)
+    else:
+        threading.Thread(target=rpc.umb_client_close, args=(pointer,), daemon=True).start()
 
-    def __init__(self, client: Any) -> None:
-        self._client, self._over = client, threading.Event()
+
+class _Client(Handle):
+    """A struct umb_client and its calls under way."""
+
+    def __init__(self, pointer: Any) -> None:
+        self.calls: set[Any] = set()
+        self.pid = os.getpid()
+        super().__init__(pointer, _close_client, self.calls, self.pid)
+
+
+class _Call:
+    """
+    An asynchronous call. Until its end the client's table `calls` keeps it and its memory alive, so that an interrupt
+    at any moment leaves C nothing that is gone. It never holds the client: that would be closed on its own thread.
+    """
+
+    def __init__(self, *keep: Any) -> None:
+        self._over, self._calls, self._keep = threading.Event(), set[Any](), list(keep)
         self._status, self._said, self._errno = core.UMB_E_INTERNAL, "", 0
-        self._then: Optional[Callable[[], None]] = None
-        self._callback = ffi.callback("void(void *, enum umb_status, const struct umb_error *)", self._done)
+        self.is_left = False           # True: the answers are not awaited
+        self.problems: list[Any] = []  # what callbacks of this call raised
         self.handle = ffi.new("struct umb_client_async *")
+        self._callback = self.callback("void(void *, enum umb_status, const struct umb_error *)", self._done)
         self.handle.done = self._callback
+        self.then: Callable[[], None] = lambda: None  # runs on the client's thread at the end
+
+    def callback(self, kind: str, function: Callable[..., Any], failed: Any = None) -> Any:
+        """A C callback that lives as long as the call; what it raises is raised by `wait`."""
+        made = ffi.callback(kind, function, error=failed,
+                            onerror=lambda _kind, problem, _trace: self.problems.append(problem))
+        self._keep.append(made)
+        return made
 
     def _done(self, _user: Any, status: int, error: Any) -> None:
-        self._status = status
         if error != ffi.NULL:
             self._said, self._errno = text(error.message), error.system_error
+        self._status = status
+        self._end()
+
+    def _end(self) -> None:
         self._over.set()
-        if self._then is not None:
-            self._then()
+        self._calls.discard(self)
+        self.then()
 
-    def at_end(self, then: Callable[[], None]) -> None:
-        """Sets what runs on the client's thread when the call is over. Before the call begins."""
-        self._then = then
+    def start(self, client: _Client, function: Any, *arguments: Any) -> "_Call":
+        """Begins the call function(client, *arguments, async, error)."""
+        self.begin(client, lambda error: function(client.pointer, *arguments, self.handle, error), *arguments)
+        return self
 
-    def wait(self, status: int, error: Any) -> None:
-        """In: what the function that began the call returned. Raises what the call failed with."""
-        check(status, error)
+    def begin(self, client: _Client, begin: Callable[[Any], Any], *keep: Any) -> None:
+        """Begins a call by begin(error), which returns its status."""
+        self._keep += keep
+        self._calls = client.calls
+        self._calls.add(self)
+        error = lib.new_error()
+        status = begin(error)
+        if status != lib.OK:
+            self._calls.discard(self)
+            check(status, error)
+
+    def wait(self, client: _Client) -> None:
+        """Ends with the call, or cancels it when interrupted. Raises what the call or a callback failed with."""
         try:
             self._over.wait()
         except BaseException:
-            self.cancel()
+            self.is_left = True
+            self.cancel(client)
             raise
+        self._callback = None
+        self._keep.clear()
+        if self.problems:
+            raise self.problems[0]
         if self._status != lib.OK:
             raise_status(text(core.umb_status_name(self._status)), self._said, self._errno)
 
-    def cancel(self) -> None:
-        """Cancels the call and waits for its end: its memory may then be freed."""
-        check(rpc.umb_client_cancel(self._client, self.handle.call, ffi.NULL), lib.new_error())
-        self._over.wait()
+    def cancel(self, client: Optional[_Client]) -> None:
+        """Cancels the call. Its end comes later, on the client's thread."""
+        handle = self.handle
+        if client is not None and not self._over.is_set():
+            rpc.umb_client_cancel(client.pointer, handle.call, ffi.NULL)
 
 
 class Daemon:
     """
     A daemon, or several with the same assets. `umbrage.connect` makes it; use it in a `with` statement.
 
-    Threads: any number at once, except for `close`.
+    Threads: any number at once. `close` cancels the calls of other threads.
     """
 
     def __init__(self, address: str, *, token: Optional[str] = None, token_file: Any = None, ca_file: Any = None,
                  certificate_file: Any = None, key_file: Any = None, server_name: Optional[str] = None,
                  timeout: float = 60.0) -> None:
-        self._client = None
+        self._client: Optional[_Client] = None
         if not isinstance(address, str):
             raise TypeError(f"address: must be a str, not {type(address).__name__}")
         options, out, error, keep = ffi.new("struct umb_client_options *"), ffi.new("struct umb_client **"), \
@@ -134,12 +188,12 @@ class Daemon:
             if value is not None:
                 keep.append(ffi.new("char[]", lib.path_bytes(value, name)))
                 setattr(options, name, keep[-1])
-        if not 0.001 <= timeout <= 4e6:
+        if not 0.001 <= number(timeout, "timeout") <= 4e6:
             raise ValueError(f"timeout: {timeout}, must be 0.001 to 4e6 seconds")
         options.call_timeout_ms = int(timeout * 1000)
         options.max_reply_bytes = 1 << 32
-        check(rpc.umb_client_open(address.encode(), options, out, error), error)
-        self._client = out[0]
+        check(rpc.umb_client_open(lib.path_bytes(address, "address"), options, out, error), error)
+        self._client = _Client(out[0])
 
     def __enter__(self) -> "Daemon":
         return self
@@ -150,28 +204,38 @@ class Daemon:
     def close(self) -> None:
         """Cancels calls under way and closes the connections. Closing twice does nothing."""
         client, self._client = self._client, None
-        if client is not None:
-            rpc.umb_client_close(client)
+        for call in list(client.calls) if client is not None else ():
+            call.cancel(client)
 
-    def __del__(self) -> None:
-        if getattr(self, "_client", None) is not None:
-            self.close()
-
-    def client(self) -> Any:
-        """The struct umb_client. Raises ValueError if it is closed."""
-        if self._client is None:
+    def client(self) -> _Client:
+        """The client, which stays open as long as the handle is held. Raises ValueError if it is closed."""
+        client = self._client
+        if client is None:
             raise ValueError("the daemon is closed")
-        return self._client
+        if client.pid != os.getpid():
+            raise RuntimeError("fork: a connection does not pass into a child process; connect again")
+        return client
+
+    def _ask(self, function: Any, *arguments: Any) -> None:
+        """Makes a call and waits for its end."""
+        client = self.client()
+        _Call().start(client, function, *arguments).wait(client)
 
     def assets(self) -> list[Listed]:
         """The daemon's assets in the order of their names."""
-        out, number, error = ffi.new("struct umb_client_asset **"), ffi.new("size_t *"), lib.new_error()
-        check(rpc.umb_client_list_assets(self.client(), out, number, error), error)
-        try:
-            return [Listed(text(one.name), lib.id_text(one.id), one.packed_bytes, one.memory_bytes, one.light_count)
-                    for one in out[0][0:number[0]]]
-        finally:
-            core.umb_free(out[0])
+        client = self.client()
+
+        def ask() -> list[Listed]:
+            out, total, error = ffi.new("struct umb_client_asset **"), ffi.new("size_t *"), lib.new_error()
+            check(rpc.umb_client_list_assets(client.pointer, out, total, error), error)
+            try:
+                return [Listed(text(one.name), lib.id_text(one.id), one.packed_bytes, one.memory_bytes,
+                               one.light_count) for one in out[0][0:total[0]]]
+            finally:
+                core.umb_free(out[0])
+
+        found: list[Listed] = aside(ask)
+        return found
 
     def open(self, asset: str) -> "DaemonAsset":
         """The asset of a name or id; the daemon answers its queries."""
@@ -179,17 +243,13 @@ class Daemon:
 
     def open_ranges(self, asset: str, **options: Any) -> RangeAsset:
         """The asset of a name or id, of which the pages that views need are read from the daemon."""
-        source, error = ffi.new("struct umb_region_source *"), lib.new_error()
-        def close() -> None:
-            rpc.umb_region_daemon_close(source)
-            _ = self  # the daemon stays open as long
+        source, error, client = ffi.new("struct umb_region_source *"), lib.new_error(), self.client()
+        check(rpc.umb_region_daemon_open(client.pointer, lib.path_bytes(asset, "asset"), source, error), error)
 
-        check(rpc.umb_region_daemon_open(self.client(), asset.encode(), source, error), error)
-        try:
-            return RangeAsset(source, close, **options)
-        except BaseException:
+        def close(_kept: Any = client) -> None:  # the client stays open as long
             rpc.umb_region_daemon_close(source)
-            raise
+
+        return RangeAsset(source, close, **options)
 
     def submit(self, scene: Any, settings: Optional[Mapping[str, Any]] = None, *, files: Any = None,
                priority: int = 0, progress: Optional[Callable[[int, int], Any]] = None) -> str:
@@ -198,7 +258,7 @@ class Daemon:
 
         scene     path of the file
         settings  options of umbrage-bake by their long names, as {"sun": "135,45", "resolution": 4096}; True for an
-                  option without a value
+                  option without a value, a list repeats an option
         files     further files that the scene reads: {name in the scene: local path}
         progress  called with bytes sent and bytes in all
         """
@@ -208,24 +268,36 @@ class Daemon:
             keep.append(ffi.new("char[]", lib.path_bytes(value, name)))
             return keep[-1]
 
+        for given, name in ((settings, "settings"), (files, "files")):
+            if not isinstance(given or {}, Mapping):
+                raise TypeError(f"{name}: must be a dict, not {type(given).__name__}")
+        if progress is not None and not callable(progress):
+            raise TypeError(f"progress: must be callable, not {type(progress).__name__}")
         submission, submitted = ffi.new("struct umb_job_submission *"), ffi.new("struct umb_job_submitted *")
-        named = {os.path.basename(os.fspath(scene)): scene, **dict(files or {})}
+        named = {os.path.basename(lib.path_text(scene, "scene")): scene, **dict(files or {})}
         c_files = ffi.new("struct umb_job_file[]", len(named))
         for out, (path, source) in zip(c_files, named.items()):
             out.path, out.source = c_text(path, "files"), c_text(source, "files")
-        rows = dict(settings or {})
+        rows = list(pairs_of(settings or {}))
         c_rows = ffi.new("struct umb_job_setting[]", max(len(rows), 1))
-        for out, (name, value) in zip(c_rows, rows.items()):
-            out.name, out.value = c_text(str(name).replace("_", "-"), "settings"), c_text(
-                "" if value is True else str(value), "settings")
+        for out, (name, value) in zip(c_rows, rows):
+            out.name, out.value = c_text(name, "settings"), c_text(value or "", "settings")
         submission.scene, submission.files, submission.file_count = c_files[0].path, c_files, len(named)
-        submission.settings, submission.setting_count, submission.priority = c_rows, len(rows), priority
-        sent = ffi.callback("void(void *, uint64_t, uint64_t)", lambda _u, done, total: progress(done, total)
-                            if progress is not None else None)
-        submission.sent = sent
-        call, error = _Call(self.client()), lib.new_error()
-        call.wait(rpc.umb_client_submit(self.client(), submission, submitted, call.handle, error), error)
-        del keep
+        submission.settings, submission.setting_count = c_rows, len(rows)
+        submission.priority = count(priority, "priority", 10, -10)
+        client, call = self.client(), _Call(keep, c_files, c_rows)
+
+        def sent(_user: Any, done: int, total: int) -> None:
+            try:
+                if progress is not None and not call.problems:
+                    progress(done, total)
+            except BaseException:
+                call.cancel(client_())
+                raise
+
+        client_ = weakref.ref(client)  # the callback must not be the last to hold it
+        submission.sent = call.callback("void(void *, uint64_t, uint64_t)", sent)
+        call.start(client, rpc.umb_client_submit, submission, submitted).wait(client)
         return text(submitted.job)
 
     def watch(self, job: str) -> Iterator[JobStatus]:
@@ -237,19 +309,17 @@ class Daemon:
             told.put(job_status(status))
             return 1 if going[0] else 0
 
-        callback = ffi.callback("int(void *, const struct umb_job_status *)", on_status, error=0)
-        call, error = _Call(self.client()), lib.new_error()
-        name = ffi.new("char[]", lib.path_bytes(job, "job"))
-        call.at_end(lambda: told.put(None))
-        check(rpc.umb_client_watch(self.client(), name, callback, ffi.NULL, call.handle, error), error)
+        client, call, name = self.client(), _Call(), ffi.new("char[]", lib.path_bytes(job, "job"))
+        call.then = lambda: told.put(None)
+        call.start(client, rpc.umb_client_watch, name, call.callback("int(void *, const struct umb_job_status *)",
+                                                                     on_status, 0), ffi.NULL)
         try:
             while (status := told.get()) is not None:
                 yield status
-            call.wait(lib.OK, error)
+            call.wait(client)
         finally:
             going[0] = False
-            if not call._over.is_set():
-                call.cancel()
+            call.cancel(client)
 
     def wait(self, job: str) -> JobStatus:
         """Waits until a job is over and returns its last status."""
@@ -261,45 +331,34 @@ class Daemon:
 
     def jobs(self, limit: int = 100) -> list[JobStatus]:
         """The caller's jobs, newest first."""
-        out, number, call, error = ffi.new("struct umb_job_status **"), ffi.new("size_t *"), _Call(self.client()), \
-            lib.new_error()
-        call.wait(rpc.umb_client_list_jobs(self.client(), count(limit, "limit"), out, number, call.handle, error),
-                  error)
+        out, total = ffi.new("struct umb_job_status **"), ffi.new("size_t *")
+        self._ask(rpc.umb_client_list_jobs, count(limit, "limit", 1000), out, total)
         try:
-            return [job_status(one) for one in out[0][0:number[0]]]
+            return [job_status(one) for one in out[0][0:total[0]]]
         finally:
             core.umb_free(out[0])
 
     def cancel(self, job: str) -> None:
         """Cancels a job that is not over."""
-        call, error = _Call(self.client()), lib.new_error()
-        call.wait(rpc.umb_client_cancel_job(self.client(), lib.path_bytes(job, "job"), ffi.NULL, call.handle, error),
-                  error)
+        self._ask(rpc.umb_client_cancel_job, lib.path_bytes(job, "job"), ffi.NULL)
 
     def fetch(self, asset_id: str, path: Any, progress: Optional[Callable[[int, int], Any]] = None) -> None:
         """Writes an asset's packed file to a path, whole or not at all."""
-        folder, name = os.path.split(os.path.abspath(path))
+        folder, name = os.path.split(os.path.abspath(lib.path_text(path)))
         part = os.path.join(folder, f".{name}.{os.getpid()}.{threading.get_ident()}.part")
-        problems: list[Any] = []
-        with open(part, "xb") as file:
-            def got(_user: Any, offset: int, data: Any, number: int, size: int) -> int:
+        wanted, client, call = lib.asset_id(asset_id, "asset_id"), self.client(), _Call()
+        with open(part, "wb") as file:
+            def got(_user: Any, offset: int, data: Any, number_: int, size: int) -> int:
                 file.seek(offset)
-                file.write(ffi.buffer(data, number))
+                file.write(ffi.buffer(data, number_))
                 if progress is not None:
-                    progress(offset + number, size)
+                    progress(offset + number_, size)
                 return int(lib.OK)
 
-            callback = ffi.callback("enum umb_status(void *, uint64_t, const void *, size_t, uint64_t)", got,
-                                    error=core.UMB_E_IO, onerror=lambda k, problem, t: problems.append(problem))
+            callback = call.callback("enum umb_status(void *, uint64_t, const void *, size_t, uint64_t)", got,
+                                     core.UMB_E_IO)
             try:
-                call, error = _Call(self.client()), lib.new_error()
-                try:
-                    call.wait(rpc.umb_client_fetch(self.client(), lib.asset_id(asset_id, "asset_id"), 0, callback,
-                                                   ffi.NULL, call.handle, error), error)
-                except Exception:
-                    if problems:
-                        raise problems[0]
-                    raise
+                call.start(client, rpc.umb_client_fetch, wanted, 0, callback, ffi.NULL).wait(client)
                 file.flush()
                 os.fsync(file.fileno())
                 os.replace(part, os.path.join(folder, name))
@@ -309,9 +368,7 @@ class Daemon:
 
     def delete(self, asset_id: str) -> None:
         """Deletes the caller's share in an asset; with the last owner the daemon deletes the file."""
-        call, error = _Call(self.client()), lib.new_error()
-        call.wait(rpc.umb_client_delete_asset(self.client(), lib.asset_id(asset_id, "asset_id"), call.handle, error),
-                  error)
+        self._ask(rpc.umb_client_delete_asset, lib.asset_id(asset_id, "asset_id"))
 
 
 def connect(address: str, **options: Any) -> Daemon:
@@ -337,14 +394,14 @@ class DaemonAsset(Asset):
         if self._owns:
             self._daemon.close()
 
-    def _client(self) -> Any:
+    def _client(self) -> _Client:
         if self._closed:
             raise ValueError("the asset is closed")
         return self._daemon.client()
 
     def _describe(self) -> AssetInfo:
-        out, call, error = ffi.new("struct umb_client_description **"), _Call(self._client()), lib.new_error()
-        call.wait(rpc.umb_client_describe(self._client(), self._name, out, call.handle, error), error)
+        out, client = ffi.new("struct umb_client_description **"), self._client()
+        _Call().start(client, rpc.umb_client_describe, self._name, out).wait(client)
         told = out[0]
         try:
             lights = tuple(light_of(one.info, one.resolution, one.voxel_m, one.closed,
@@ -356,47 +413,38 @@ class DaemonAsset(Asset):
         finally:
             core.umb_free(told)
 
-    def _answer(self, settings: Any, dial: Dial, points: Any, batch: Any, values: Any, stats: bool,
-                threads: int) -> Optional[Result]:
-        request, error, over = ffi.new("struct umb_client_query_request *"), lib.new_error(), threading.Event()
+    def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
+                stats: bool, threads: int) -> Optional[Result]:
+        request, client, call = ffi.new("struct umb_client_query_request *"), self._client(), _Call()
         wanted, c_dial_ = c_settings(Settings(*settings)), c_dial(dial)
-        told: dict[str, Any] = {}
-        if dial != Dial() and wanted.taps == 1:
-            wanted.taps = 0
         request.asset, request.settings, request.dial, request.points = self._name, wanted[0], c_dial_[0], batch[0]
         request.want_stats = 1 if stats else 0
-        target = ffi.from_buffer(values) if values.size else ffi.new("char[1]")
+        target, told = ffi.from_buffer(values) if values.size else ffi.new("char[1]"), []
 
         def done(_user: Any, status: int, reply: Any, problem: Any) -> None:
-            if status == lib.OK:
-                ffi.memmove(target, reply.values, reply.value_bytes)
-                told["reply"] = ffi.new("struct umb_client_query_reply *", reply[0])
-            else:
-                told["error"] = (status, text(problem.message), problem.system_error)
-            over.set()
+            try:
+                if status == lib.OK and not call.is_left and reply.value_bytes <= values.nbytes:
+                    ffi.memmove(target, reply.values, reply.value_bytes)
+                    told.append(ffi.new("struct umb_client_query_reply *", reply[0]))
+            finally:
+                call._done(ffi.NULL, status, problem)
 
-        callback, call, client = ffi.callback("umb_client_query_fn", done), ffi.new("uint64_t *"), self._client()
-        check(rpc.umb_client_query_start(client, request, callback, ffi.NULL, call, error), error)
-        try:
-            over.wait()
-        except BaseException:
-            check(rpc.umb_client_cancel(client, call[0], error), error)
-            over.wait()
-            raise
-        if "error" in told:
-            status, said, number = told["error"]
-            raise_status(text(core.umb_status_name(status)), said, number)
-        reply = told["reply"]
+        callback = call.callback("umb_client_query_fn", done)
+        call.begin(client, lambda error: rpc.umb_client_query_start(
+            client.pointer, request, callback, ffi.NULL, ffi.addressof(call.handle, "call"), error))
+        call.wait(client)
+        reply = told[0]
         if not stats:
             return None
-        return whole_result(values, points.shape[:-1], bound_m=reply.bound_m, stats=stats_of(reply.stats),
+        return whole_result(values, shape, bound_m=reply.bound_m, stats=stats_of(reply.stats),
                             taps=reply.taps, level=reply.level, nanoseconds=reply.nanoseconds,
                             asset_id=lib.id_text(reply.asset_id))
 
-    def _ask(self, function: Any, light: int, batch: Any, answers: Any, *more: Any) -> None:
-        wanted, call, error = ffi.new("struct umb_volume_query *"), _Call(self._client()), lib.new_error()
+    def _ask(self, function: Any, light: int, batch: Any, keep: Any, answers: Any, *more: Any) -> None:
+        """Makes a volume query; `keep` is the memory that the answers point to."""
+        wanted, client = ffi.new("struct umb_volume_query *"), self._client()
         wanted.asset, wanted.light = self._name, light
-        call.wait(function(self._client(), wanted, batch, *more, answers, ffi.NULL, call.handle, error), error)
+        _Call(keep).start(client, function, wanted, batch, *more, answers, ffi.NULL).wait(client)
 
     def _segments(self, light: int, ends: Any, number: int, origin: Any, lit: Any, most: int, parts: Any) -> None:
         batch, answers = ffi.new("struct umb_segments *"), ffi.new("struct umb_segment_answers *")
@@ -408,18 +456,18 @@ class DaemonAsset(Asset):
         answers.segments = lit
         if most:
             answers.intervals, answers.interval_max = ffi.cast("struct umb_interval *", intervals), most
-        self._ask(rpc.umb_client_segments, light, batch, answers)
+        self._ask(rpc.umb_client_segments, light, batch, (lit, intervals), answers)
 
     def _columns(self, light: int, batch: Any, number: int, found: Any) -> None:
         answers = ffi.new("struct umb_column_answers *")
         answers.columns = found
-        self._ask(rpc.umb_client_columns, light, batch, answers)
+        self._ask(rpc.umb_client_columns, light, batch, found, answers)
 
     def _boxes(self, light: int, boxes: Any, found: Any) -> None:
         answers = ffi.new("struct umb_box_answers *")
         data = ffi.from_buffer("struct umb_box[]", boxes) if len(boxes) else ffi.new("struct umb_box[]", 1)
         answers.boxes = found
-        self._ask(rpc.umb_client_boxes, light, data, answers, len(boxes))
+        self._ask(rpc.umb_client_boxes, light, data, found, answers, len(boxes))
 
 
 def open_daemon_asset(address: str, **options: Any) -> Union[DaemonAsset, RangeAsset]:

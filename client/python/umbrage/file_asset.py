@@ -11,8 +11,8 @@ from typing import Any, Optional, Sequence
 import numpy as np
 
 from . import _library as lib
-from ._arrays import DOUBLE, FLOAT, c_points, triple
-from ._library import check, core, ffi
+from ._arrays import DOUBLE, FLOAT, c_points, slice_of, triple
+from ._library import Handle, check, core, ffi
 from ._settings import Dial, Settings, c_dial, c_settings, count
 from ._slices import SLICE, run_slices
 from .assets import NO_DIAL, Asset, Result, stats_of, whole_result
@@ -44,93 +44,76 @@ def plain(value: Any) -> Any:
 class FileAsset(Asset):
     """An asset of a file, queried in process. `umbrage.open` makes it."""
 
-    def __init__(self, path: Any, max_memory: int = 0) -> None:
+    def __init__(self, path: Any, memory: int = 0) -> None:
         options, out, error = ffi.new("struct umb_open_options *"), ffi.new("struct umb_asset **"), lib.new_error()
-        options.max_memory_bytes = count(max_memory, "max_memory", 2**64 - 1)
+        options.max_memory_bytes = count(memory, "memory", 2**64 - 1)
         check(core.umb_asset_open_file(lib.path_bytes(path), options, out, error), error)
-        self._asset = out[0]
+        self._handle: Optional[Handle] = Handle(out[0], core.umb_asset_close)
         self._prepared: dict[Any, Any] = {}
-        self._users = 0
-        self._lock = threading.Lock()
-        self.info = read_info(self._asset)
+        self.info = read_info(out[0])
 
     def close(self) -> None:
-        with self._lock:
-            if self._users:
-                raise RuntimeError("close: another thread is using the asset")
-            asset, self._asset = self._asset, None
-            self._prepared.clear()
-        if asset is not None:
-            core.umb_asset_close(asset)
+        self._handle, self._prepared = None, {}
 
-    def __del__(self) -> None:
-        asset, self._asset = getattr(self, "_asset", None), None
-        if asset is not None:
-            core.umb_asset_close(asset)
+    def _open(self) -> Handle:
+        """The asset, which stays open as long as the handle is held. Raises ValueError if it is closed."""
+        handle = self._handle
+        if handle is None:
+            raise ValueError("the asset is closed")
+        return handle
 
-    def _enter(self) -> None:
-        """Holds the asset open until _leave: close refuses meanwhile."""
-        with self._lock:
-            if self._asset is None:
-                raise ValueError("the asset is closed")
-            self._users += 1
-
-    def _leave(self) -> None:
-        with self._lock:
-            self._users -= 1
-
-    def _query_of(self, settings: Any) -> Any:
+    def _query_of(self, held: Handle, settings: Any) -> Any:
         """The prepared query of settings, kept for the next batch."""
         try:
             query = self._prepared.get(settings)
-        except TypeError:  # an argument that cannot be hashed is of a wrong type, which c_settings names
-            query = None
+        except TypeError:  # an array of one number, or a wrong type, which c_settings names
+            query, settings = None, self._hashable(settings)
         if query is None:
-            query, error = ffi.new("struct umb_query *"), lib.new_error()
-            check(core.umb_query_prepare(self._asset, c_settings(Settings(*settings)), query, error), error)
-            while len(self._prepared) >= KEPT:
-                self._prepared.pop(next(iter(self._prepared)), None)
-            self._prepared[settings] = query
+            query, error, kept = ffi.new("struct umb_query *"), lib.new_error(), self._prepared
+            check(core.umb_query_prepare(held.pointer, c_settings(Settings(*settings)), query, error), error)
+            for old in list(kept)[:max(len(kept) - KEPT + 1, 0)]:
+                kept.pop(old, None)
+            kept[settings] = query
         return query
 
-    def _choose(self, settings: Any, dial: Dial, points: Any, batch: Any) -> tuple[Any, ...]:
+    @staticmethod
+    def _hashable(settings: Any) -> Any:
+        c_settings(Settings(*settings))
+        return tuple(one.item() if isinstance(one, np.ndarray) else tuple(one) if isinstance(one, list) else one
+                     for one in settings)
+
+    def _choose(self, held: Handle, settings: Any, dial: Dial, batch: Any) -> tuple[Any, ...]:
         """Settings with the taps and level that the dial chooses."""
         wanted, error, calibration = c_settings(Settings(*settings)), lib.new_error(), ffi.NULL
-        wanted.taps = wanted.taps if wanted.taps > 1 else 0
+        wanted_dial = c_dial(dial)
         if dial.budget_ns:
-            calibration = ffi.new("struct umb_calibration *")
-            sample = ffi.new("struct umb_points *", batch[0])
-            sample.count = min(batch.count, SAMPLE)
-            check(core.umb_calibrate_points(self._asset, wanted.light, sample, _cpu_s, calibration, error), error)
-        check(core.umb_dial_choose(self._asset, c_dial(dial), calibration, wanted, ffi.NULL, error), error)
+            calibration, sample = ffi.new("struct umb_calibration *"), slice_of(batch, 0, min(batch.count, SAMPLE))
+            _check_points(sample)
+            check(core.umb_calibrate_points(held.pointer, wanted.light, sample, _cpu_s, calibration, error), error)
+        check(core.umb_dial_choose(held.pointer, wanted_dial, calibration, wanted, ffi.NULL, error), error)
         return Settings(*settings)._replace(taps=wanted.taps, level=wanted.level)
 
-    def _answer(self, settings: Any, dial: Dial, points: Any, batch: Any, values: Any, stats: bool,
-                threads: int) -> Optional[Result]:
-        self._enter()
-        try:
-            if dial is not NO_DIAL:
-                settings = self._choose(settings, dial, points, batch)
-            query = self._query_of(settings)
-            total = _run(query, batch, values, settings[5], threads)
-            if not stats:
-                return None
-            return whole_result(values, points.shape[:-1], stats=stats_of(total), taps=core.umb_query_taps(query),
-                                bound_m=core.umb_query_bound_m(self._asset, c_settings(Settings(*settings))),
-                                level=settings[7], nanoseconds=0, asset_id=self.info.id)
-        finally:
-            self._leave()
+    def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
+                stats: bool, threads: int) -> Optional[Result]:
+        held = self._open()
+        if dial is not NO_DIAL:
+            settings = self._choose(held, settings, dial, batch)
+        query = self._query_of(held, settings)
+        total = _run(query, batch, (held, keep), values, threads)
+        if not stats:
+            return None
+        return whole_result(values, shape, stats=stats_of(total), taps=core.umb_query_taps(query),
+                            bound_m=core.umb_query_bound_m(held.pointer, c_settings(Settings(*settings))),
+                            level=settings[7], nanoseconds=0, asset_id=self.info.id)
 
     def explain(self, point: Triple, normal: Optional[Triple] = None, **settings: Any) -> dict[str, Any]:
         place = np.array(triple(point, "point"), DOUBLE)
         direction = None if normal is None else np.array(triple(normal, "normal"), FLOAT)
         told = ffi.new("struct umb_explanation *")
-        self._enter()
-        try:
-            batch, _keep = c_points(place, None, direction, None)
-            core.umb_query_explain(self._query_of(tuple(Settings(**settings))), batch, 0, told)
-        finally:
-            self._leave()
+        held = self._open()
+        batch, _keep = c_points(place, None, direction, None)
+        settings["light"] = self._light_numbers(settings.get("light", 0))[0][0]
+        core.umb_query_explain(self._query_of(held, tuple(Settings(**settings))), batch, 0, told)
         words: dict[str, Any] = plain(told[0])
         words["steps"] = words["steps"][:words.pop("step_count")]
         return words
@@ -138,63 +121,52 @@ class FileAsset(Asset):
     def derive(self, width: int, height: int, *, technique: str = "pcf", format: str = "f32", light: int = 0,
                rect: Optional[Sequence[float]] = None, mips: bool = False, camera: Optional[Camera] = None,
                cascades: int = 0, weight: float = 0.5) -> Derived:
-        self._enter()
-        try:
-            return derive(self._asset, width, height, technique, format, light, rect, mips, camera, cascades, weight)
-        finally:
-            self._leave()
+        held = self._open()
+        return derive(held.pointer, width, height, technique, format, light, rect, mips, camera, cascades, weight)
 
-    def _volume(self, light: int) -> Any:
+    @staticmethod
+    def _volume(held: Handle, light: int) -> Any:
         volume, error = ffi.new("struct umb_volume *"), lib.new_error()
-        check(core.umb_volume_prepare(self._asset, light, volume, error), error)
+        check(core.umb_volume_prepare(held.pointer, light, volume, error), error)
         return volume
 
     def _segments(self, light: int, ends: Any, number: int, origin: Any, lit: Any, most: int, parts: Any) -> None:
-        self._enter()
-        try:
-            volume, error = self._volume(light), lib.new_error()
-            batch, answers = ffi.new("struct umb_segments *"), ffi.new("struct umb_segment_answers *")
-            data, intervals = ffi.from_buffer(ends), ffi.from_buffer(parts)
-            batch.ends, batch.count = data, number
-            batch.format = core.UMB_POINT_F64 if ends.dtype == DOUBLE else core.UMB_POINT_F32
-            if origin is not None:
-                batch.origin = triple(origin, "origin")
-            check(core.umb_segments_check(batch, error), error)
-            answers.segments = lit
-            if most:
-                answers.intervals, answers.interval_max = ffi.cast("struct umb_interval *", intervals), most
-            run_slices(lambda first, n: core.umb_volume_segments(volume, batch, first, n, answers), number, size=SLICED)
-        finally:
-            self._leave()
+        held = self._open()
+        volume, error = self._volume(held, light), lib.new_error()
+        batch, answers = ffi.new("struct umb_segments *"), ffi.new("struct umb_segment_answers *")
+        data, intervals = ffi.from_buffer(ends), ffi.from_buffer(parts)
+        batch.ends, batch.count = data, number
+        batch.format = core.UMB_POINT_F64 if ends.dtype == DOUBLE else core.UMB_POINT_F32
+        if origin is not None:
+            batch.origin = triple(origin, "origin")
+        check(core.umb_segments_check(batch, error), error)
+        answers.segments = lit
+        if most:
+            answers.intervals, answers.interval_max = ffi.cast("struct umb_interval *", intervals), most
+        run_slices(lambda first, n: core.umb_volume_segments(volume, batch, first, n, answers), number, size=SLICED)
 
     def _columns(self, light: int, batch: Any, number: int, found: Any) -> None:
-        self._enter()
-        try:
-            volume, error = self._volume(light), lib.new_error()
-            check(core.umb_volume_check_columns(volume, error), error)
-            check(core.umb_points_check(batch, error), error)
-            answers = ffi.new("struct umb_column_answers *")
-            answers.columns = found
-            run_slices(lambda first, n: core.umb_volume_columns(volume, batch, first, n, answers), number, size=SLICED)
-        finally:
-            self._leave()
+        held = self._open()
+        volume, error = self._volume(held, light), lib.new_error()
+        check(core.umb_volume_check_columns(volume, error), error)
+        check(core.umb_points_check(batch, error), error)
+        answers = ffi.new("struct umb_column_answers *")
+        answers.columns = found
+        run_slices(lambda first, n: core.umb_volume_columns(volume, batch, first, n, answers), number, size=SLICED)
 
     def _boxes(self, light: int, boxes: Any, found: Any) -> None:
-        self._enter()
-        try:
-            volume, error = self._volume(light), lib.new_error()
-            data = ffi.from_buffer("struct umb_box[]", boxes) if len(boxes) else ffi.new("struct umb_box[]", 1)
-            check(core.umb_volume_check_parallel(volume, error), error)
-            check(core.umb_boxes_check(data, len(boxes), error), error)
-            answers = ffi.new("struct umb_box_answers *")
-            answers.boxes = found
+        held = self._open()
+        volume, error = self._volume(held, light), lib.new_error()
+        data = ffi.from_buffer("struct umb_box[]", boxes) if len(boxes) else ffi.new("struct umb_box[]", 1)
+        check(core.umb_volume_check_parallel(volume, error), error)
+        check(core.umb_boxes_check(data, len(boxes), error), error)
+        answers = ffi.new("struct umb_box_answers *")
+        answers.boxes = found
 
-            def one(first: int, n: int) -> None:
-                check(core.umb_volume_boxes(volume, data, first, n, ffi.NULL, answers, error), error)
+        def one(first: int, n: int) -> None:
+            check(core.umb_volume_boxes(volume, data, first, n, ffi.NULL, answers, error), error)
 
-            run_slices(one, len(boxes), size=1)
-        finally:
-            self._leave()
+        run_slices(one, len(boxes), size=1)
 
 
 def _check_points(batch: Any) -> None:
@@ -204,8 +176,10 @@ def _check_points(batch: Any) -> None:
         check(core.umb_points_check(batch, error), error)
 
 
-def _run(query: Any, batch: Any, values: Any, format: str, threads: int) -> Any:
-    """Checks and answers a batch slice by slice. Returns a struct umb_query_stats."""
+def _run(query: Any, batch: Any, keep: Any, values: Any, threads: int) -> Any:
+    """
+    Checks and answers a batch slice by slice; threads that are at work hold `keep`. Returns a struct umb_query_stats.
+    """
     number = batch.count
     data = ffi.from_buffer(values) if values.size else ffi.new("char[1]")
     if number <= SLICE:
@@ -215,15 +189,9 @@ def _run(query: Any, batch: Any, values: Any, format: str, threads: int) -> Any:
         core.umb_query_run(query, batch, 0, number, answers)
         return answers.stats
     total, lock = ffi.new("struct umb_query_stats *"), threading.Lock()
-    step = 24 if batch.format == core.UMB_POINT_F64 else 12
-    positions = ffi.cast("char *", batch.positions)
 
-    def one(first: int, n: int) -> None:
-        part = ffi.new("struct umb_points *", batch[0])
-        part.positions, part.count, part.normals, part.footprints = positions + first * step, n, ffi.NULL, ffi.NULL
-        if batch.footprints != ffi.NULL:
-            part.footprints = ffi.cast("float *", batch.footprints) + first
-        if core.umb_points_check(part, ffi.NULL) != lib.OK:
+    def one(first: int, n: int, _keep: Any = keep) -> None:
+        if core.umb_points_check(slice_of(batch, first, n), ffi.NULL) != lib.OK:
             _check_points(batch)  # all of them, for the number of the bad one
         answers = ffi.new("struct umb_answers *")
         answers.values = data

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _library as lib
-from ._arrays import triple
+from ._arrays import number, triple
 from ._library import check, ffi
 from ._library import maps as library
-from ._settings import choose, count, number
+from ._settings import choose, count
 from .views import Triple
 
 TECHNIQUES = {"pcf": library.UMB_MAP_PCF, "vsm": library.UMB_MAP_VSM, "esm": library.UMB_MAP_ESM,
@@ -65,17 +65,26 @@ def derive(asset: Any, width: int, height: int, technique: str, format: str, lig
     settings.map.format, dtype = choose(FORMATS, format, "format")
     settings.map.access = library.UMB_MAP_MIPS if mips else library.UMB_MAP_BASE
     if rect is not None:
-        if len(rect) != 4:
+        if not hasattr(rect, "__len__") or isinstance(rect, (str, bytes)) or len(rect) != 4:
             raise ValueError("rect: must be x0, y0, x1, y1")
         settings.rect = [number(one, "rect") for one in rect]
+    if camera is not None and not isinstance(camera, Camera):
+        raise TypeError(f"camera: must be a Camera, not {type(camera).__name__}")
+    if camera is not None and not cascades:
+        raise ValueError("cascades: 0, must be 1 or more with a camera")
     if cascades:
         if camera is None:
             raise ValueError("camera: cascades need one")
         keep.append(ffi.new("struct umb_camera *", camera.as_c()))
         settings.camera = keep[0]
         settings.cascades.count, settings.cascades.weight = count(cascades, "cascades"), number(weight, "weight")
-    out, error = ffi.new("struct umb_derived **"), lib.new_error()
-    check(library.umb_derive(asset, settings, ffi.NULL, out, error), error)
+    out, error, problems = ffi.new("struct umb_derived **"), lib.new_error(), []
+    hear = ffi.callback("int(void *)", lambda _user: 0, error=1, onerror=lambda _k, problem, _t: problems.append(problem))
+    settings.cancelled = hear  # called for each row of a map: where Ctrl-C is heard
+    status = library.umb_derive(asset, settings, ffi.NULL, out, error)
+    if problems:
+        raise problems[0]
+    check(status, error)
     derived = out[0]
     try:
         data, size = ffi.new("const uint8_t **"), ffi.new("size_t *")

@@ -7,8 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Optional, Sequence
 
-from ._arrays import triple
-from ._settings import count, number
+from ._arrays import number, triple
+from ._settings import count
 
 Triple = Sequence[float]
 
@@ -44,7 +44,7 @@ class View:
         out.max_error_m, out.max_error_rad = number(self.max_error_m, "max_error_m"), number(self.max_error_rad,
                                                                                             "max_error_rad")
         if self.box is not None:
-            if len(self.box) != 2:
+            if not hasattr(self.box, "__len__") or len(self.box) != 2:
                 raise ValueError("box: must be two corners")
             out.has_box, out.box.min, out.box.max = 1, triple(self.box[0], "box[0]"), triple(self.box[1], "box[1]")
         if self.eye is not None:
