@@ -24,6 +24,7 @@ zshcompdir ?= $(PREFIX)/share/zsh/site-functions
 fishcompdir ?= $(PREFIX)/share/fish/vendor_completions.d
 docdir ?= $(PREFIX)/share/doc/umbrage
 datadir ?= $(PREFIX)/share/umbrage
+pythondir ?= $(PREFIX)/lib/python3/dist-packages
 unitdir ?= $(PREFIX)/lib/systemd/system
 sysusersdir ?= $(PREFIX)/lib/sysusers.d
 tmpfilesdir ?= $(PREFIX)/lib/tmpfiles.d
@@ -73,6 +74,10 @@ install-libraries: libraries ## install headers, libraries and .pc files under D
 		-e 's|@includedir@|$(call below,$(PREFIX),$(includedir))|; s|@version@|$(VERSION)|' client/pkgconfig/$$name.pc.in \
 		>$(DESTDIR)$(pkgconfigdir)/$$name.pc || exit 1; done
 
+install-python: python ## install the Python module under DESTDIR and pythondir
+	install -d $(DESTDIR)$(pythondir)/umbrage
+	install -m 0644 $(PYTHON_OUT) $(PYTHON_DIR)/_declarations.py $(DESTDIR)$(pythondir)/umbrage
+
 install: all man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
@@ -94,6 +99,16 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
 
+# Releases are made from the last commit, with its time.
+NAMED := umbrage-$(VERSION)
+dist: ## source archive of the last commit: the same bytes on every machine
+	@mkdir -p $(BUILD)/dist
+	$(call say,TAR,$(BUILD)/dist/$(NAMED).tar.gz)
+	$(Q)git archive --format=tar --prefix=$(NAMED)/ HEAD | gzip -9n >$(BUILD)/dist/$(NAMED).tar.gz
+
+deb: dist ## Debian packages of the last commit, in BUILD/deb (debhelper, dh-python)
+	@BUILD=$(BUILD) sh deploy/deb.sh $(VERSION)
+
 FORCE:
 
-.PHONY: completions container deps deps-full demo man install install-docs install-libraries FORCE
+.PHONY: dist deb install-python completions container deps deps-full demo man install install-docs install-libraries FORCE

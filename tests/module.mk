@@ -147,6 +147,12 @@ lamps: $(PROGRAMS) $(BUILD)/lamp_check ## random lamps near surfaces, each bake 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/lamps.py $(LAMPS) $(LAMP_SEED)
 .PHONY: lamps
 
+# Penumbras of lamps against rays to their points.
+AREA_LIGHTS ?= 4096 480 16
+area-lights: $(PROGRAMS) $(BUILD)/scenegen ## penumbras of lamps and area lights in five scenes against rays (AREA_LIGHTS="VOXELS PIXELS RAYS"): five minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/system/area_lights.py $(AREA_LIGHTS)
+.PHONY: area-lights
+
 # Every prefix and every flipped bit of small assets with all kinds of sections, both encodings.
 $(BUILD)/file_sweep: $(BUILD)/tests/agreement/file_sweep.o $(CORE_LIB)
 	$(call say,LD,$@)
@@ -161,6 +167,13 @@ accuracy: $(PROGRAMS) $(BUILD)/scenegen ## tables of docs/results/accuracy.md an
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/study_tables.py
 	@UMBRAGE_ACCURACY=full BUILD=$(BUILD) sh tests/system/test_accuracy.sh
 
+$(BUILD)/bias_race: $(BUILD)/tests/bench/bias_race.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
+bias-table: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bias_race ## biases of wide windows against rays, five scenes, three suns: ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bias_table.py
+.PHONY: bias-table
+
 budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py
 
@@ -170,6 +183,9 @@ study-twice: $(PROGRAMS) $(BUILD)/scenegen ## a study of SCENE=FILE twice: equal
 verify-scenes: $(PROGRAMS) ## real scenes against a million rays each (RESOLUTIONS="4096 16384"): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/verify_scenes.py $(RESOLUTIONS)
 
+PLAN_SCENES ?= --resolution 4096,16384
+plan-scenes: $(PROGRAMS) $(BUILD)/scenegen ## is the plan right about the closed rule? all scenes under both rules (PLAN_SCENES="--resolution 4096"): ten minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/plan_scenes.py $(PLAN_SCENES)
 effects-table: $(PROGRAMS) ## tables of docs/results/effects.md: plans of real scenes, what effects cost (RESOLUTION=2048): ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/effects_table.py $(RESOLUTION)
 
@@ -182,7 +198,7 @@ soak: $(PROGRAMS) $(BUILD)/scenegen ## 100 restarts, 1000 swaps, 200 damaged fil
 
 attack: $(PROGRAMS) $(BUILD)/scenegen ## nineteen attacks by 1, 8 and 64 attackers, 60 s each, beside a victim: an hour
 	@BUILD=$(BUILD) SECONDS=$${SECONDS:-60} ATTACKERS=$${ATTACKERS:-1,8,64} /usr/bin/python3 tests/system/test_attacks.py
-.PHONY: verify-scenes effects-table larger-than-memory soak attack
+.PHONY: verify-scenes plan-scenes effects-table larger-than-memory soak attack
 
 # Sanitizer runs: all unit tests under ASan and UBSan, those that have threads under TSan, the daemon
 # serving real clients under both. What the short form leaves out is in docs/explained/testing.md.

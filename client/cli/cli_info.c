@@ -3,6 +3,7 @@
 #include "cli/shared/cli_common.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include "tool/json.h"
@@ -21,19 +22,6 @@ static const struct umbu_command COMMAND = {
                ".umb or .umbm is a file; anything else is an asset of the daemon.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
-
-static const char *light_kind(enum umb_light_kind kind)
-{
-    switch (kind) {
-    case UMB_LIGHT_DIRECTIONAL:
-        return "directional";
-    case UMB_LIGHT_SPOT:
-        return "spot";
-    case UMB_LIGHT_POINT:
-        return "point";
-    }
-    return "unknown";
-}
 
 /* Number of times in a row: nanoseconds a point for scattered and for neighbouring points. */
 #define CURVE_COSTS 2
@@ -107,7 +95,7 @@ static void print_place(const double origin[3], const struct umb_box *bounds)
 
 static void print_light(uint32_t index, const struct umb_light_info *light)
 {
-    (void)printf("light %-8" PRIu32 " %s '", index, light_kind(light->kind));
+    (void)printf("light %-8" PRIu32 " %s '", index, umb_light_kind_name(light->kind));
     umbc_print_text(stdout, light->name, strlen(light->name));
     (void)putchar('\'');
     if (light->kind != UMB_LIGHT_POINT) {
@@ -118,7 +106,12 @@ static void print_light(uint32_t index, const struct umb_light_info *light)
         (void)printf(", at %.9g %.9g %.9g m", light->position[0], light->position[1],
                      light->position[2]);
     }
-    if (light->extent > 0) {
+    if (light->kind == UMB_LIGHT_RECTANGLE) {
+        const double *s = light->side;
+        (void)printf(", extent %.4g x %.4g m, the first along %.6g %.6g %.6g",
+                     sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]), light->extent, s[0], s[1],
+                     s[2]);
+    } else if (light->extent > 0) {
         (void)printf(", extent %.4g %s", light->extent,
                      light->kind == UMB_LIGHT_DIRECTIONAL ? "rad" : "m");
     }
@@ -128,10 +121,13 @@ static void print_light(uint32_t index, const struct umb_light_info *light)
 static void json_light(struct umbu_json *json, const struct umb_light_info *light)
 {
     umbu_json_text(json, "name", light->name);
-    umbu_json_text(json, "kind", light_kind(light->kind));
+    umbu_json_text(json, "kind", umb_light_kind_name(light->kind));
     umbu_json_vector(json, "direction", light->direction);
     umbu_json_vector(json, "position", light->position);
     umbu_json_number(json, "extent", light->extent);
+    if (light->kind == UMB_LIGHT_RECTANGLE) {
+        umbu_json_vector(json, "side", light->side);
+    }
 }
 
 static void json_box(struct umbu_json *json, const struct umb_box *bounds)

@@ -29,26 +29,37 @@
 #define UMBU_BAKE_SPOT                                                                             \
     "spot", "X,Y,Z,DX,DY,DZ,DEGREES",                                                              \
         "a light at X,Y,Z that shines along DX,DY,DZ within so many degrees of it, at most 90"
+#define UMBU_BAKE_AREA                                                                             \
+    "area", "X,Y,Z,DX,DY,DZ,SIZE",                                                                 \
+        "a flat light around X,Y,Z that shines to the side DX,DY,DZ: a disc with SIZE its "        \
+        "diameter, or a rectangle with SIZE WIDTH,HEIGHT or WIDTH,HEIGHT,AX,AY,AZ (metres; the "   \
+        "width lies along AX,AY,AZ, or level)"
 #define UMBU_BAKE_LIGHT                                                                            \
     "light", "NAME",                                                                               \
-        "the file's light of that name. --sun, --sun-path, --point, --spot and --light may be "    \
+        "the file's light of that name. --sun, --sun-path, --point, --spot, --area and --light "   \
+        "may be "                                                                                  \
         "repeated and mixed: all lights share one asset. Without them: the file's lights, else "   \
         "--sun 135,45"
 #define UMBU_BAKE_LIGHT_SIZE                                                                       \
     "light-size", "SIZE",                                                                          \
         "how large the lights are, recorded in the asset: as 0.53deg (what suns have without it) " \
-        "for directional ones, as 0.25m for others"
-#define UMBU_BAKE_UP "up", "y|z", "the up axis", .otherwise = "y for glTF, z for OBJ, PLY and STL"
+        "for directional ones, as 0.25m for spot and point lights"
+#define UMBU_BAKE_UP                                                                               \
+    "up", "y|z", "the up axis",                                                                    \
+        .otherwise = "y for glTF; what an OBJ, PLY or STL file tells, else z and a warning"
 #define UMBU_BAKE_CLOSED                                                                           \
-    "closed", "auto|on|off",                                                                       \
-        "leave the inside of closed solids undefined: of those that are closed (auto), of "        \
-        "everything on your word (on), never (off)",                                               \
+    "closed", "auto|on|off|parts",                                                                 \
+        "leave the inside of closed solids undefined: of those that are closed, if that makes "    \
+        "the "                                                                                     \
+        "asset smaller (auto) or in any case (parts), of everything on your word (on), never "     \
+        "(off)",                                                                                   \
         .otherwise = "auto"
 #define UMBU_BAKE_EFFECT                                                                           \
     "effect", "NAME=on|off",                                                                       \
         "overrule the plan: closed, front (first occluders of closed solids, for columns), "       \
         "penumbra (on: front as well; off: lights without an extent), cut-out (holes by the "      \
         "alpha of textures), transmittance (glass, hair: casters that take part of the light), "   \
+        "blend-cut-out (BLEND materials that are clear or opaque nearly all over as cut-outs), "   \
         "static; mraa and voaa can only be off in this version"
 #define UMBU_BAKE_STATIC                                                                           \
     "static", NULL,                                                                                \
@@ -63,7 +74,7 @@
     "verify", "N", "compare N points with traced rays before publishing, 0 = off",                 \
         .otherwise = "1000000"
 
-#define UMBU_BAKE_SETTING_COUNT 14
+#define UMBU_BAKE_SETTING_COUNT 15
 #define UMBU_BAKE_COLLECTED_MAX 512
 
 /* Settings as given, in their order: several may have one name. */

@@ -48,6 +48,7 @@ static const struct umbw_row LIGHT_ROWS[] = {
     {7, LIGHT(voxel_m)},
     {8, LIGHT(closed)},
     {9, UMBW_COUNT(umb_client_light, curve_count), .table = &CURVE_ROW, .most = UMB_CURVE_ROWS_MAX},
+    {10, LIGHT(info.side), .flags = UMBW_SPARSE},
 };
 UMBW_TABLE(LIGHT_TABLE, umbrage__v1__light, LIGHT_ROWS, "lights.", sizeof(struct umb_client_light));
 

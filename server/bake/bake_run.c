@@ -19,8 +19,8 @@
 #include "bake/bake_transmittance.h"
 #include "bake/base/interrupt.h"
 #include "bake/memory_plan.h"
+#include "bake/plan_choices.h"
 #include "bake/base/bake_progress.h"
-#include "bake/resolution_choice.h"
 #include "bake/shut_in.h"
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
@@ -78,6 +78,15 @@ static enum umb_status check_output(const struct umbb_options *options, struct u
                : umbu_output_check(options->output, 0, error);
 }
 
+/* Warns if nothing tells the up axis: neither the file nor the options. */
+static void print_up_warning(const struct umbb_options *options, const struct umbs_scene_view *view)
+{
+    const char *warning = umbs_scene_up_warning(view);
+    if (warning != NULL && options->up == UMBB_UP_OF_SCENE) {
+        fprintf(stderr, "umbrage-bake: warning: %s\n", warning);
+    }
+}
+
 static enum umb_status import(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -93,6 +102,7 @@ static enum umb_status import(struct run *run, struct umb_error *error)
     if (!o->quiet) {
         umbb_shut_in_notice(&run->sandbox);
         print_notices(run->scene->view.warnings);
+        print_up_warning(o, &run->scene->view);
     }
     return UMB_OK;
 }
@@ -157,10 +167,10 @@ static enum umb_status choose_resolution(struct run *run, struct umb_error *erro
     if (!(run->options->max_error_m > 0)) {
         return UMB_OK;
     }
-    const struct umbb_resolution_job job = {.analysis = &run->analysis,
-                                            .view = &run->scene->view,
-                                            .options = run->options,
-                                            .memory = memory_input(run)};
+    const struct umbb_small_job job = {.analysis = &run->analysis,
+                                       .view = &run->scene->view,
+                                       .options = run->options,
+                                       .memory = memory_input(run)};
     run->chosen = *run->options;
     const enum umb_status status =
         umbb_resolution_choose(&job, &run->chosen.resolution_log2, &forecast, error);
@@ -209,6 +219,15 @@ static enum umb_status analyse(struct run *run, struct umb_error *error)
         print_notices(run->analysis.choice.notices);
     }
     UMB__TRY(choose_resolution(run, error)); /* may replace the options */
+    const struct umbb_small_job job = {.analysis = &run->analysis,
+                                       .view = view,
+                                       .options = run->options,
+                                       .memory = memory_input(run),
+                                       .packed = run->options->plan};
+    UMB__TRY(umbb_closed_choose(&job, error));
+    if (run->options->plan) {
+        UMB__TRY(umbb_sharp_price_find(&job, (size_t)(run->options->memory_bytes / 2), error));
+    }
     UMB__TRY(umbb_plan_text(&run->analysis, view, run->options, &run->plan, error));
     umbb_progress_plan(run->plan);
     UMB__TRY(umbb_settings_text(&run->analysis, run->options, &run->settings, error));

@@ -62,14 +62,15 @@ struct umbr_rays {
 struct crossing {
     float distance;
     uint32_t triangle;
-    int32_t sign;   /* +1 back-facing (leaving a solid), -1 front-facing */
-    int32_t border; /* 1 if the hit lies on the triangle's border */
+    float second, third; /* weights of the corners */
+    int32_t sign;        /* +1 back-facing (leaving a solid), -1 front-facing */
+    int32_t border;      /* 1 if the hit lies on the triangle's border */
 };
 
 /* The context of one all-hits ray. Embree passes its first member back to the filter. */
 struct crossing_list {
     struct RTCIntersectContext context;
-    const uint8_t *closed;
+    const uint8_t *only;            /* [triangles] not 0: counts; NULL: all count */
     struct crossing hits[HITS_MAX]; /* sorted by distance, then triangle */
     size_t count;
     int more;     /* 1 if hits were left out */
@@ -403,7 +404,7 @@ static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
     const struct RTCRay *ray = (const struct RTCRay *)(const void *)arguments->ray;
     const struct RTCHit *found = (const struct RTCHit *)(const void *)arguments->hit;
     arguments->valid[0] = 0;
-    if (list->closed[found->primID] == 0) {
+    if (list->only != NULL && list->only[found->primID] == 0) {
         return;
     }
     double u = (double)found->u, v = (double)found->v, w = 1 - u - v;
@@ -413,6 +414,8 @@ static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
     const struct crossing hit = {
         .distance = ray->tfar,
         .triangle = found->primID,
+        .second = found->u,
+        .third = found->v,
         .sign = facing > 0 ? 1 : -1,
         .border = u < border_coordinate || v < border_coordinate || w < border_coordinate,
     };
@@ -454,30 +457,57 @@ static int crossed_already(const struct umbr_rays *rays, const struct crossing_l
     return 0;
 }
 
-void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
-                    const uint8_t *closed, int *winding, int *crossings)
+void umbr_each_crossing(const struct umbr_rays *rays, const double from[3],
+                        const double direction[3], double far_m, const uint8_t *only,
+                        umbr_crossing_fn visit, void *user)
 {
     struct crossing_list list;
-    list.closed = closed;
+    list.only = only;
     list.has_last = 0;
-    *winding = 0;
-    *crossings = 0;
+    if (!(far_m >= 0)) {
+        return; /* an empty range */
+    }
     do {
         rtcInitIntersectContext(&list.context);
         list.context.filter = collect_hit;
         list.count = 0;
         list.more = 0;
-        struct RTCRay ray = ray_of(rays, from, direction, 0, INFINITY);
+        struct RTCRay ray = ray_of(rays, from, direction, 0, far_m);
         rtcOccluded1(rays->scene, &list.context, &ray);
         for (size_t i = 0; i < list.count; i++) {
-            if (!crossed_already(rays, &list, i)) {
-                *winding += list.hits[i].sign;
-                (*crossings)++;
+            const struct crossing *hit = &list.hits[i];
+            const struct umbr_crossing crossing = {(double)hit->distance, (double)hit->second,
+                                                   (double)hit->third, hit->triangle,
+                                                   hit->sign > 0};
+            if (!crossed_already(rays, &list, i) && !visit(user, &crossing)) {
+                return;
             }
         }
         if (list.count > 0) {
             list.last = list.hits[list.count - 1];
             list.has_last = 1;
         }
-    } while (list.more); /* ends: each round counts at least one hit more */
+    } while (list.more); /* ends: each round visits at least one hit more */
+}
+
+/* Sums of crossings. */
+struct sums {
+    int winding, crossings;
+};
+
+static int sum_up(void *user, const struct umbr_crossing *crossing)
+{
+    struct sums *sums = user;
+    sums->winding += crossing->leaving ? 1 : -1;
+    sums->crossings++;
+    return 1;
+}
+
+void umbr_crossings(const struct umbr_rays *rays, const double from[3], const double direction[3],
+                    const uint8_t *closed, int *winding, int *crossings)
+{
+    struct sums sums = {0, 0};
+    umbr_each_crossing(rays, from, direction, INFINITY, closed, sum_up, &sums);
+    *winding = sums.winding;
+    *crossings = sums.crossings;
 }

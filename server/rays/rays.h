@@ -80,6 +80,27 @@ void umbr_occluded8(const struct umbr_rays *rays, const double (*from)[3],
 void umbr_nearest(const struct umbr_rays *rays, const double from[3], const double direction[3],
                   double near_m, double far_m, struct umbr_hit *hit);
 
+/* A place where a ray crosses a surface. */
+struct umbr_crossing {
+    double distance;      /* metres */
+    double second, third; /* weights of the triangle's second and third corner, 0..1 */
+    uint32_t triangle;
+    int leaving; /* 1 if the ray meets the back of the triangle, by its winding */
+};
+
+/* Visits a crossing; returns 0 to end the walk. */
+typedef int (*umbr_crossing_fn)(void *user, const struct umbr_crossing *crossing);
+
+/*
+ * Visits the crossings of a ray up to far_m, the nearest first, in any number. A ray through an
+ * edge or a corner that facets share crosses there once for each side that it meets.
+ *
+ * In: only: uint8[triangle count], not 0 for the triangles that count; NULL = all.
+ */
+void umbr_each_crossing(const struct umbr_rays *rays, const double from[3],
+                        const double direction[3], double far_m, const uint8_t *only,
+                        umbr_crossing_fn visit, void *user);
+
 /*
  * Sums up the crossings of a whole ray, to test whether a point is inside a closed solid.
  *

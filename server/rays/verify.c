@@ -109,17 +109,15 @@ static enum umb_status prepare_queries(struct umbr_verify_job *job, uint32_t lig
         .taps = 1,
         .bias_mode = UMB_BIAS_NONE,
         .format = UMB_ANSWER_U8,
-        .opaque_only = 1, /* rays know only opaque and open */
+        .opaque_only = 1, /* translucent casters are judged apart */
     };
     if (umb_asset_get_light(job->asset, light, &job->light) != UMB_OK) {
         return umb_fail(error, UMB_E_ARGUMENT, "light %u is not in the asset", light);
     }
     UMB__TRY(umb_query_prepare(job->asset, &settings, &job->query, error));
+    UMB__TRY(umbr_verify_light_prepare(job, light, error));
     if (job->options->kind != UMBR_VERIFY_POINTS) {
         UMB__TRY(umb_volume_prepare(job->asset, light, &job->volume, error));
-    }
-    if (job->options->kind == UMBR_VERIFY_BOXES) {
-        UMB__TRY(umb_volume_check_parallel(&job->volume, error));
     }
     if (job->options->kind == UMBR_VERIFY_COLUMNS) {
         UMB__TRY(umb_volume_check_columns(&job->volume, error));

@@ -24,6 +24,11 @@
  * on surfaces. They are found by rays along the light from anywhere in the box, and moved to the
  * light's side by the automatic bias of one tap.
  *
+ * Where translucent casters are given, points that are lit past all opaque casters are looked up
+ * once more with the translucent ones. The answer must be the product of what they let through, or
+ * lie between those at the middles of the texels that it reads and within a voxel
+ * (verify_layers.c).
+ *
  * Points inside closed parts of assets baked under the closed rule are counted and left out,
  * because answers there are unspecified. A point in shadow that agrees is left out if its ray first
  * meets the inner side of a closed part. A point that disagrees is left out only if five of six
@@ -31,7 +36,7 @@
  * voxel. Other points are drawn instead, up to four times as many: a frustum that is nearly all
  * solid gets fewer points than requested.
  */
-#include "rays/rays.h"
+#include "rays/layers.h"
 #include "umbrage/query.h"
 
 /* Kind of query (umbrage/volume.h), and how its answers are compared with rays. */
@@ -56,7 +61,9 @@ struct umbr_verify_options {
     uint64_t points; /* Number of points or volume queries; 0 = 1 million */
     enum umbr_verify_kind kind;
     uint64_t seed;
-    const uint8_t *closed;  /* [triangle count] not 0: of a closed part; NULL = no closed parts */
+    const uint8_t *closed; /* [triangle count] not 0: of a closed part; NULL = no closed parts */
+    /* Translucent casters for points of assets with the effect transmittance; NULL: none */
+    const struct umbr_layers *layers;
     unsigned threads;       /* 0 = all */
     int (*cancelled)(void); /* called now and then from any thread; may be NULL */
     /* Called with the number of compared points, by any thread, one at a time; may be NULL. */
@@ -68,6 +75,7 @@ struct umbr_verify_result {
     uint64_t records;                   /* number of segments, columns, boxes queried */
     uint64_t points, near_boundary;     /* points compared; part of them drawn near a boundary */
     uint64_t skipped_inside;            /* points inside closed parts */
+    uint64_t translucent;               /* points behind translucent casters alone */
     uint64_t inside_band, outside_band; /* disagreements */
     double worst_point[3];              /* a point outside the band, world */
     int has_worst;
@@ -81,6 +89,7 @@ static inline void umbr_verify_result_add(struct umbr_verify_result *sum,
     sum->points += one->points;
     sum->near_boundary += one->near_boundary;
     sum->skipped_inside += one->skipped_inside;
+    sum->translucent += one->translucent;
     sum->inside_band += one->inside_band;
     sum->outside_band += one->outside_band;
 }

@@ -26,7 +26,9 @@ struct umbr_verify_job {
     double origin[3];                /* origin of the asset, world */
     struct umb_box bounds;           /* bounds of the casters, world */
     double free_m;                   /* metres: distance from a lamp within which nothing casts */
-    struct umb_query query;
+    struct umb_query query;          /* opaque casters only */
+    struct umb_query light_query;    /* with translucent ones, if texel is not 0 */
+    int32_t texel;            /* width in voxels of a map of translucent casters; 0: not judged */
     struct umb_volume volume; /* Target of segments, columns and boxes */
     int is_static;            /* baked under the static rule */
 };
@@ -132,6 +134,15 @@ enum umbr_verdict {
 /* Counts a verdict on an answer at a place. Returns 1 if the answer was compared, else 0. */
 uint64_t umbr_verify_count(struct umbr_verify_block *block, enum umbr_verdict verdict,
                            const double local[3]);
+
+/* Prepares the job's query of translucent casters, if they are judged. Fails: the errors of
+ * umb_query_prepare. */
+UMB_CHECKED enum umb_status umbr_verify_light_prepare(struct umbr_verify_job *job, uint32_t light,
+                                                      struct umb_error *error);
+
+/* Judges the light that translucent casters leave at a sample which all opaque ones leave lit. */
+enum umbr_verdict umbr_verify_judge_light(struct umbr_verify_block *block,
+                                          const struct umbr_sample *sample);
 
 /* Computes the light's path through column (x, y) of the block's frustum. ray: from the first voxel
  * of the column, or from the lamp if it stands within the column, to the last voxel. z_first: the

@@ -94,15 +94,15 @@ static int is_covered(const struct umbr_verify_job *job, const double local[3])
 
 /*
  * Draws places in the casters' box, and judges those that a lamp should cover and does not. A point
- * light covers all places, a spot light with several faces those in front of it. This finds a face
- * that is missing or turned; all other points are drawn in the existing faces.
+ * light covers all places, an area light and a spot light with several faces those in front of it.
+ * This finds a face that is missing or turned; all other points are drawn in the existing faces.
  */
 static void judge_uncovered(struct umbr_verify_block *block, uint64_t draws)
 {
     const struct umbr_verify_job *job = block->job;
     const struct umb_light_info *light = &job->light;
-    if (light->kind != UMB_LIGHT_POINT &&
-        !(light->kind == UMB_LIGHT_SPOT && light->frustum_count > 1)) {
+    if (light->kind == UMB_LIGHT_DIRECTIONAL ||
+        (light->kind == UMB_LIGHT_SPOT && light->frustum_count == 1)) {
         return;
     }
     for (uint64_t i = 0; i < draws; i++) {
@@ -286,8 +286,8 @@ static uint64_t judge_near(struct umbr_verify_block *block, uint64_t wanted)
     return wanted;
 }
 
-/* Moves a point of a surface along the normal that faces the light, as a query of one tap does.
- * Returns 0 if the light grazes the surface. */
+/* Moves a point of a surface along the normal that faces the light, out of the voxels that the
+ * surface's plane passes. Returns 0 if the light grazes the surface. */
 static int lift(const struct umbr_verify_block *block, const double normal[3], double local[3])
 {
     const double facing = umb__dot(normal, block->job->light.direction);

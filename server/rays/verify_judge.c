@@ -315,16 +315,36 @@ void umbr_verify_judge_outside(struct umbr_verify_block *block, const double loc
     }
 }
 
+/* Judges and counts a sample, also by its light behind translucent casters. */
+static uint64_t judge_both(struct umbr_verify_block *block, const struct umbr_sample *sample,
+                           int lit)
+{
+    enum umbr_verdict verdict = judge_sample(block, sample, lit);
+    if (verdict == UMBR_AGREES && lit && block->job->texel > 0) {
+        verdict = umbr_verify_judge_light(block, sample);
+    }
+    return umbr_verify_count(block, verdict, sample->local);
+}
+
 uint64_t umbr_verify_judge_answers(struct umbr_verify_block *block,
                                    const struct umbr_sample *samples, const uint8_t *lit,
                                    size_t count)
 {
     uint64_t compared = 0;
     for (size_t i = 0; i < count; i++) {
-        const enum umbr_verdict verdict = judge_sample(block, &samples[i], lit[i]);
-        compared += umbr_verify_count(block, verdict, samples[i].local);
+        compared += judge_both(block, &samples[i], lit[i]);
     }
     return compared;
+}
+
+/* Returns 1 for a point behind the plane of an area light, which shines to one side. */
+static int is_behind_light(const struct umbr_verify_block *block, const double local[3])
+{
+    const struct umb_light_info *light = &block->job->light;
+    double way[3];
+    umb__subtract(local, light->position, way);
+    return (light->kind == UMB_LIGHT_RECTANGLE || light->kind == UMB_LIGHT_DISC) &&
+           !(umb__dot(way, light->direction) > 0);
 }
 
 uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sample *samples,
@@ -336,5 +356,13 @@ uint64_t umbr_verify_judge(struct umbr_verify_block *block, const struct umbr_sa
         memcpy(local[i], samples[i].local, sizeof local[i]);
     }
     umbr_verify_ask(block->job, (const double(*)[3])local, count, lit);
-    return umbr_verify_judge_answers(block, samples, lit, count);
+    uint64_t compared = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (is_behind_light(block, local[i])) { /* A rule, and nothing to trace */
+            compared += umbr_verify_count(block, lit[i] ? UMBR_WRONG : UMBR_AGREES, local[i]);
+        } else {
+            compared += umbr_verify_judge_answers(block, &samples[i], &lit[i], 1);
+        }
+    }
+    return compared;
 }

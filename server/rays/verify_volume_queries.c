@@ -17,7 +17,8 @@ enum {
     TRIES_A_RECORD = 64, /* draws for each record before giving up */
     BOX_VOXELS = 5,      /* longest side */
     BOX_ROOM = (BOX_VOXELS + 2) * (BOX_VOXELS + 2) * (BOX_VOXELS + 2),
-    OFFSETS = 5, /* rays along each axis of the grid around a column, half a texel apart */
+    LAMP_BOX_SHARE = 2, /* factor on a lamp's boxes, whose voxels are slanted */
+    OFFSETS = 5,        /* rays along each axis of the grid around a column, half a texel apart */
 };
 
 /* Draws a point in voxel space: at a boundary if one of `tries` finds one, else anywhere. */
@@ -305,26 +306,66 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
     (void)umbr_verify_count(block, verdict, corner);
 }
 
+/* Edge in metres of a box around `middle` that reaches over one voxel at most. A lamp's voxels are
+ * seen at an angle, up to 55 degrees, and grow within the box. */
+static double least_edge(const struct umbr_verify_block *block, const double middle[3],
+                         const double world[3])
+{
+    const struct umbr_light_frame *frame = block->light_frame;
+    double edge = INFINITY, next[3];
+    for (int axis = 0; axis < 3; axis++) {
+        double at[3] = {middle[0], middle[1], middle[2]};
+        at[axis] += 1;
+        if (frame->parallel) {
+            edge = fmin(edge, umb__length(frame->step[axis]));
+        } else if (umbr_light_frame_world(frame, at, next)) {
+            umb__subtract(next, world, next);
+            edge = fmin(edge, umb__length(next) / LAMP_BOX_SHARE);
+        }
+    }
+    return edge;
+}
+
+/* Returns whether the block's face answers for a whole box, so that no other face has voxels in it.
+ * Distances along the axes are linear, so the corners tell. */
+static int is_own(const struct umbr_verify_block *block, const struct umb_box *box)
+{
+    const struct umbr_verify_job *job = block->job;
+    int own = 1;
+    for (int c = 0; c < 8 && !block->light_frame->parallel; c++) {
+        double local[3];
+        for (int k = 0; k < 3; k++) {
+            local[k] = (c >> k & 1 ? box->max[k] : box->min[k]) - job->origin[k];
+        }
+        const double w = umbr_light_frame_w(block->light_frame, local);
+        for (uint32_t i = 0; i < job->light.frustum_count; i++) {
+            own &= &job->frames[i] == block->light_frame ||
+                   umbr_light_frame_w(&job->frames[i], local) < w;
+        }
+    }
+    return own;
+}
+
 void umbr_verify_boxes(struct umbr_verify_block *block, uint64_t count)
 {
     uint64_t walks = count * TRIES_A_RECORD;
     for (uint64_t i = 0; i < count; i++) {
         struct umbr_sample samples[BOX_ROOM];
         struct umb_box box;
-        double middle[3], world[3], edge = INFINITY;
+        double middle[3], world[3];
         draw_voxel(block, i % 2 == 0, &walks, middle);
         if (!umbr_light_frame_world(block->light_frame, middle, world)) {
             continue;
         }
-        for (int axis = 0; axis < 3; axis++) {
-            edge = fmin(edge, umb__length(block->light_frame->step[axis]));
-        }
+        const double edge = least_edge(block, middle, world);
         /* No extent of the box in voxels is longer than the diagonal. */
         for (int k = 0; k < 3; k++) {
             const double side = umbr_next_unit(block) * BOX_VOXELS * edge / sqrt(3);
             box.min[k] = world[k] - 0.5 * side;
             box.max[k] = world[k] + 0.5 * side;
         }
-        judge_box(block, &box, samples, list_voxels(block, &box, middle, samples));
+        if (is_own(block, &box)) {
+            judge_box(block, &box, samples, list_voxels(block, &box, middle, samples));
+        }
     }
 }

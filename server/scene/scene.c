@@ -5,7 +5,7 @@
  *
  * The hash covers the world triangles in their order, the effects of their materials on light, and
  * the lights. Vertex numbering, the division into meshes and the transforms do not count. So one
- * scene written as OBJ and as PLY has one hash.
+ * scene written as OBJ and as PLY has one hash. Extents of lights count where the file gives any.
  */
 #include "scene/scene.h"
 
@@ -204,11 +204,19 @@ void umbs_scene_hash(const struct umbs_scene_view *view, uint8_t hash[UMB_ID_BYT
     hash_textures(view, textures);
     const uint64_t counts[] = {(uint64_t)view->z_up, view->world_triangle_count, view->light_count,
                                view->texture_count, view->alpha_bytes};
-    const void *const parts[] = {hash_domain, counts,       corners,    surfaces,
-                                 textures,    view->lights, view->alpha};
-    const size_t sizes[] = {sizeof hash_domain,       sizeof counts,
-                            sizeof corners,           sizeof surfaces,
-                            sizeof textures,          view->light_count * sizeof(struct umbs_light),
-                            (size_t)view->alpha_bytes};
+    const void *const parts[] = {
+        hash_domain, counts,
+        corners,     surfaces,
+        textures,    view->lights,
+        view->alpha, view->extents != NULL ? (const void *)view->extents : ""};
+    const size_t sizes[] = {
+        sizeof hash_domain,
+        sizeof counts,
+        sizeof corners,
+        sizeof surfaces,
+        sizeof textures,
+        view->light_count * sizeof(struct umbs_light),
+        (size_t)view->alpha_bytes,
+        view->extents != NULL ? view->light_count * sizeof(struct umbs_light_extent) : 0};
     umbs_sha256.digest(umbs_sha256.user, parts, sizes, sizeof parts / sizeof parts[0], hash);
 }

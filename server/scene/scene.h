@@ -24,9 +24,24 @@
 
 enum umbs_format {
     UMBS_FORMAT_GLTF = 0, /* .gltf and .glb, y up */
-    UMBS_FORMAT_OBJ = 1,  /* z up */
-    UMBS_FORMAT_PLY = 2,  /* z up */
-    UMBS_FORMAT_STL = 3,  /* z up */
+    UMBS_FORMAT_OBJ = 1,  /* these three leave the up axis open */
+    UMBS_FORMAT_PLY = 2,
+    UMBS_FORMAT_STL = 3,
+};
+
+/* What told a scene's up axis. */
+enum umbs_up_evidence {
+    UMBS_UP_NONE = 0, /* nothing: z is taken */
+    UMBS_UP_FORMAT,   /* the format: glTF */
+    UMBS_UP_COMMENT,  /* a comment that names the axis */
+    UMBS_UP_PROGRAM,  /* a comment that names a program or data of one axis */
+    UMBS_UP_MAP,      /* coordinates of a map */
+    UMBS_UP_GROUND,   /* a surface that shows one side along the axis */
+    UMBS_UP_FLATS,    /* the largest flat faces */
+    UMBS_UP_EXTENT,   /* a small extent along the axis */
+    UMBS_UP_BASE,     /* a base on zero */
+    UMBS_UP_OPENING,  /* a body with an open underside */
+    UMBS_UP_EVIDENCE_COUNT
 };
 
 enum umbs_alpha_mode {
@@ -45,6 +60,10 @@ struct umbs_material {
     float base_alpha;      /* 0..1, factor on the texture's alpha */
     uint32_t texture;      /* index of the alpha texture or UMBS_NO_INDEX */
     float transmission;    /* 0..1, share of the light that passes through the surface */
+    /* For pictures only, never hashed: linear red, green and blue, 0..1; and 1 if an image, which
+     * is not read, gives the colour. */
+    float base_color[3];
+    uint32_t has_image;
 };
 
 struct umbs_mesh {
@@ -72,6 +91,14 @@ struct umbs_light {
     double color[3];
 };
 
+/* Extent of a light, beside its struct umbs_light. */
+struct umbs_light_extent {
+    uint32_t is_given; /* 1: the file gives the light's extent; 0: the rest is 0 */
+    uint32_t reserved;
+    double extent;  /* as struct umb_light_info: radians (directional) or metres */
+    double side[3]; /* as struct umb_light_info */
+};
+
 enum umbs_wrap {
     UMBS_WRAP_REPEAT = 0,
     UMBS_WRAP_CLAMP = 1,
@@ -93,15 +120,18 @@ struct umbs_texture {
 struct umbs_scene_view {
     enum umbs_format format;
     int z_up; /* 1 if +z is up in world space, else +y */
+    enum umbs_up_evidence up_evidence;
     uint32_t mesh_count, instance_count, material_count, light_count, texture_count;
     uint32_t vertex_count, triangle_count; /* stored numbers: instances not multiplied */
     const struct umbs_mesh *meshes;
     const struct umbs_instance *instances;
     const struct umbs_material *materials;
     const struct umbs_light *lights;
+    const struct umbs_light_extent *extents; /* [light_count]; NULL: the file gives none */
     const struct umbs_texture *textures;
     const double (*positions)[3];   /* [vertex_count], mesh space */
     const float (*uvs)[2];          /* [vertex_count] or NULL; u right, v up over the image */
+    const float (*normals)[3];      /* [vertex_count] unit, 0 0 0 = none; NULL unless `look` */
     const uint32_t (*triangles)[3]; /* [triangle_count], vertex numbers within the mesh */
     const uint8_t *alpha;           /* alpha pool */
     uint64_t alpha_bytes;
@@ -131,6 +161,7 @@ struct umbs_import_options {
     uint64_t max_triangles;    /* limit, instances multiplied; 0 = 200 million */
     uint32_t max_files;        /* limit of look-ups of files that the scene names; 0 = 65536 */
     uint32_t timeout_s;        /* limit of CPU seconds and of wall seconds; 0 = 600 */
+    int look; /* 1: reads what only pictures need, too: normals. The scene's hash is the same */
     const char *importer_path; /* program; NULL = umbrage-bake beside the running program */
     /* Hook, may be NULL: called once when every file is open and the importer runs, before a byte
      * of the scene or of the importer's answers is read. Here the caller drops its own rights.
@@ -166,6 +197,13 @@ UMB_CHECKED enum umb_status umbs__scene_check(struct umbs_scene *scene, const ch
                                               struct umb_error *error);
 
 void umbs_scene_destroy(struct umbs_scene *scene);
+
+/* Returns the words for what told the up axis, as the end of "y is up: ". */
+const char *umbs_scene_up_reason(const struct umbs_scene_view *view);
+
+/* Returns the sentence that a user must read if nothing in the file tells the up axis, without an
+ * end of line; NULL if something does. */
+const char *umbs_scene_up_warning(const struct umbs_scene_view *view);
 
 /*
  * Hashes the scene's content, not the file: up axis, world triangles in the order of

@@ -18,8 +18,9 @@
 
 /* Greatest numbers of samples for the cut share: of one triangle, and of all triangles together.
  * Among many triangles each gets fewer. */
-#define EACH_MAX    64U
-#define SAMPLES_MAX 4000000U
+#define EACH_MAX      64U
+#define SAMPLES_MAX   4000000U
+#define SHARP_SAMPLES 16U /* the most samples of a triangle in the search for sharp materials */
 
 /* Returns the texel number for the whole double i along an axis of n texels, by the wrap mode. Far
  * outside the image, where doubles are coarser than texels, this is an arbitrary texel. */
@@ -61,7 +62,7 @@ double umbs_alpha_at(const struct umbs_scene_view *view, const struct umbs_textu
 int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double v)
 {
     const struct umbs_scene_view *view = cuts->view;
-    const struct umbs_material *material = &view->materials[cuts->cuts[cut].material];
+    const struct umbs_material *material = &cuts->materials[cuts->cuts[cut].material];
     const double alpha = umbs_alpha_at(view, &view->textures[material->texture], u, v);
     return alpha * (double)material->base_alpha >= 255.0 * (double)material->alpha_cutoff;
 }
@@ -75,7 +76,7 @@ int umbs_cut_is_translucent(const struct umbs_cuts *cuts, uint32_t number)
 {
     return number == UMBS_CUT_CLEAR ||
            (number < UMBS_CUT_CLEAR &&
-            umbs_is_translucent(&cuts->view->materials[cuts->cuts[number].material]));
+            umbs_is_translucent(&cuts->materials[cuts->cuts[number].material]));
 }
 
 double umbs_material_opacity(const struct umbs_material *material, double alpha)
@@ -91,7 +92,7 @@ double umbs_material_opacity(const struct umbs_material *material, double alpha)
 double umbs_cut_opacity(const struct umbs_cuts *cuts, uint32_t cut, double u, double v)
 {
     const struct umbs_scene_view *view = cuts->view;
-    const struct umbs_material *material = &view->materials[cuts->cuts[cut].material];
+    const struct umbs_material *material = &cuts->materials[cuts->cuts[cut].material];
     const double alpha = material->texture == UMBS_NO_INDEX
                              ? 255.0
                              : umbs_alpha_at(view, &view->textures[material->texture], u, v);
@@ -188,30 +189,35 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
 }
 
 /*
- * Returns the share of the last cut triangle that is below the cut-off, from samples. One sequence
- * runs on from triangle to triangle: a fixed grid would meet a repeating texture at the same phase
- * each time.
+ * Texture coordinates of sample number `place` within a triangle. One sequence runs on from
+ * triangle to triangle: a fixed grid would meet a repeating texture at the same phase each time.
  * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
  * the powers of 1 / g, g * g * g = g + 1.
  */
+static void sample_place(double place, const float uv[3][2], double at[2])
+{
+    double b = place * 0.7548776662466927, c = place * 0.5698402909980532;
+    b -= floor(b);
+    c -= floor(c);
+    if (b + c > 1.0) {
+        b = 1.0 - b;
+        c = 1.0 - c;
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        at[axis] =
+            (1.0 - b - c) * (double)uv[0][axis] + b * (double)uv[1][axis] + c * (double)uv[2][axis];
+    }
+}
+
+/* Returns the share of the last cut triangle that is below the cut-off, from samples. */
 static double cut_share(const struct finder *f)
 {
     const uint32_t number = (uint32_t)f->cuts->count - 1;
     const struct umbs_cut *cut = &f->cuts->cuts[number];
     uint32_t below = 0;
     for (uint32_t i = 0; i < f->samples; i++) {
-        const double place = (double)number * f->samples + i + 1;
-        double b = place * 0.7548776662466927, c = place * 0.5698402909980532, at[2];
-        b -= floor(b);
-        c -= floor(c);
-        if (b + c > 1.0) {
-            b = 1.0 - b;
-            c = 1.0 - c;
-        }
-        for (int axis = 0; axis < 2; axis++) {
-            at[axis] = (1.0 - b - c) * (double)cut->uv[0][axis] + b * (double)cut->uv[1][axis] +
-                       c * (double)cut->uv[2][axis];
-        }
+        double at[2];
+        sample_place((double)number * f->samples + i + 1, (const float(*)[2])cut->uv, at);
         below += !umbs_cut_keeps(f->cuts, number, at[0], at[1]);
     }
     return (double)below / (double)f->samples;
@@ -284,7 +290,7 @@ static struct umbs_alpha_range alpha_range(const struct finder *f,
 static enum umb_status judge_translucent(struct finder *f, size_t at, const float uv[3][2],
                                          uint32_t number, struct umb_error *error)
 {
-    const struct umbs_material *material = &f->view->materials[number];
+    const struct umbs_material *material = &f->cuts->materials[number];
     struct umbs_translucent_figures *figures = &f->cuts->translucent;
     double texels;
     const struct umbs_alpha_range range = alpha_range(f, material, uv, &texels);
@@ -307,7 +313,7 @@ static enum umb_status judge_translucent(struct finder *f, size_t at, const floa
 static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], uint32_t number,
                              struct umb_error *error)
 {
-    const struct umbs_material *material = &f->view->materials[number];
+    const struct umbs_material *material = &f->cuts->materials[number];
     const double limit = 255.0 * (double)material->alpha_cutoff;
     double texels;
     const struct umbs_alpha_range range = alpha_range(f, material, uv, &texels);
@@ -328,6 +334,18 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     return note(f, at, tag, error);
 }
 
+/* Texture coordinates of triangle i of a mesh, in the order of umbs_scene_flatten. */
+static void triangle_uv(const struct umbs_scene_view *view, const struct umbs_mesh *mesh,
+                        uint32_t i, int mirror, float uv[3][2])
+{
+    const uint32_t *triangle = view->triangles[mesh->first_triangle + i];
+    memset(uv, 0, 3 * sizeof *uv);
+    for (int k = 0; k < 3 && view->uvs != NULL; k++) {
+        memcpy(uv[mirror && k > 0 ? 3 - k : k], view->uvs[(size_t)mesh->first_vertex + triangle[k]],
+               sizeof uv[0]);
+    }
+}
+
 /* Classifies all triangles of an instance, from number `at` of the flattened scene on. */
 static enum umb_status judge_instance(struct finder *f, const struct umbs_instance *instance,
                                       size_t at, struct umb_error *error)
@@ -336,9 +354,9 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     const struct umbs_mesh *mesh = &view->meshes[instance->mesh];
     const uint32_t number = mesh->material;
     const int translucent =
-        number != UMBS_NO_INDEX && umbs_is_translucent(&view->materials[number]);
+        number != UMBS_NO_INDEX && umbs_is_translucent(&f->cuts->materials[number]);
     if (number == UMBS_NO_INDEX ||
-        (!translucent && view->materials[number].alpha_mode != UMBS_ALPHA_MASK)) {
+        (!translucent && f->cuts->materials[number].alpha_mode != UMBS_ALPHA_MASK)) {
         return UMB_OK;
     }
     struct umbs_cut_figures *figures = &f->cuts->figures;
@@ -352,12 +370,8 @@ static enum umb_status judge_instance(struct finder *f, const struct umbs_instan
     }
     const int mirror = umbs_instance_mirrors(instance);
     for (uint32_t i = 0; i < mesh->triangle_count; i++) {
-        float uv[3][2] = {{0.0F, 0.0F}, {0.0F, 0.0F}, {0.0F, 0.0F}};
-        const uint32_t *triangle = view->triangles[mesh->first_triangle + i];
-        for (int k = 0; k < 3 && view->uvs != NULL; k++) {
-            memcpy(uv[mirror && k > 0 ? 3 - k : k],
-                   view->uvs[(size_t)mesh->first_vertex + triangle[k]], sizeof uv[0]);
-        }
+        float uv[3][2];
+        triangle_uv(view, mesh, i, mirror, uv);
         UMB__TRY((translucent ? judge_translucent : judge)(f, at + i, (const float(*)[2])uv, number,
                                                            error));
     }
@@ -398,14 +412,99 @@ static enum umb_status digest_textures(const struct finder *f, struct umb_error 
     return UMB_OK;
 }
 
-enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_cuts *cuts,
-                               struct umb_error *error)
+/* Number of texels of a material's triangles, and of those that are clear, and opaque. */
+struct texels {
+    double all, clear, opaque;
+    size_t triangles;
+};
+
+/* Adds the texels of an instance of a mesh to those of its material. */
+static void add_texels(const struct umbs_scene_view *view, const struct umbs_mesh *mesh,
+                       struct texels *texels)
 {
-    memset(cuts, 0, sizeof *cuts);
-    cuts->view = view;
-    if (view->material_count == 0) {
-        return UMB_OK;
+    const struct umbs_material *material = &view->materials[mesh->material];
+    const struct umbs_texture *texture = &view->textures[material->texture];
+    const uint32_t samples =
+        samples_each(view) < SHARP_SAMPLES ? samples_each(view) : SHARP_SAMPLES;
+    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
+        float uv[3][2];
+        double at[2];
+        uint32_t clear = 0, opaque = 0;
+        triangle_uv(view, mesh, i, 0, uv);
+        const double area = texel_area(texture, (const float(*)[2])uv);
+        for (uint32_t k = 0; k < samples; k++) {
+            const double place = (double)texels->triangles * samples + k + 1;
+            sample_place(place, (const float(*)[2])uv, at);
+            const double opacity =
+                umbs_material_opacity(material, umbs_alpha_at(view, texture, at[0], at[1]));
+            clear += opacity <= UMBS_SHARP_CLEAR;
+            opaque += opacity >= 1.0 - UMBS_SHARP_CLEAR;
+        }
+        texels->all += area;
+        texels->clear += area * (double)clear / (double)samples;
+        texels->opaque += area * (double)opaque / (double)samples;
+        texels->triangles++;
     }
+}
+
+/* 1 if a material may be sharp: BLEND, with a texture, and without a transmission. */
+static int can_be_sharp(const struct umbs_scene_view *view, uint32_t number)
+{
+    return number != UMBS_NO_INDEX && view->materials[number].alpha_mode == UMBS_ALPHA_BLEND &&
+           view->materials[number].texture != UMBS_NO_INDEX &&
+           !(view->materials[number].transmission > 0.0F);
+}
+
+/* Returns the number of texels that are clear or opaque if a material is sharp, else 0. A material
+ * that is clear or opaque all over needs no choice. */
+static double sharp_texels(const struct texels *texels)
+{
+    const double sum = texels->clear + texels->opaque;
+    return sum >= UMBS_SHARP_SHARE * texels->all && texels->clear < texels->all &&
+                   texels->opaque < texels->all
+               ? sum
+               : 0.0;
+}
+
+/* Finds the sharp materials; with `own` they become cut-outs there. */
+static enum umb_status find_sharp(struct umbs_cuts *cuts, struct umb_error *error)
+{
+    const struct umbs_scene_view *view = cuts->view;
+    struct umbs_sharp_figures *figures = &cuts->sharp;
+    struct texels *texels = calloc(view->material_count, sizeof *texels);
+    double all = 0.0, sharp = 0.0;
+    if (texels == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "cut-out: memory for %u materials refused",
+                        view->material_count);
+    }
+    for (uint32_t i = 0; i < view->instance_count; i++) {
+        const struct umbs_mesh *mesh = &view->meshes[view->instances[i].mesh];
+        if (can_be_sharp(view, mesh->material)) {
+            add_texels(view, mesh, &texels[mesh->material]);
+        }
+    }
+    for (uint32_t i = 0; i < view->material_count; i++) {
+        if (!(sharp_texels(&texels[i]) > 0.0)) {
+            continue;
+        }
+        figures->first = figures->materials++ == 0 ? i : figures->first;
+        figures->triangles += texels[i].triangles;
+        all += texels[i].all;
+        sharp += sharp_texels(&texels[i]);
+        if (cuts->own != NULL) {
+            cuts->own[i].alpha_mode = UMBS_ALPHA_MASK;
+            cuts->own[i].alpha_cutoff = 0.5F;
+        }
+    }
+    figures->share = all > 0.0 ? sharp / all : 0.0;
+    free(texels);
+    return UMB_OK;
+}
+
+/* Finds the cuts among the materials as they count. */
+static enum umb_status find_cuts(struct umbs_cuts *cuts, struct umb_error *error)
+{
+    const struct umbs_scene_view *view = cuts->view;
     struct finder f = {.view = view, .cuts = cuts, .samples = samples_each(view)};
     f.pyramids = calloc((size_t)view->texture_count + 1, sizeof *f.pyramids);
     f.seen = calloc(view->material_count, 1);
@@ -428,10 +527,45 @@ enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_c
     free(f.pyramids);
     free(f.seen);
     cuts->figures.share = f.texels > 0.0 ? f.below / f.texels : 0.0;
+    return status;
+}
+
+/* Finds sharp materials and cuts. In: sharp_as_cut_outs: 1: sharp materials are cut-outs. */
+static enum umb_status find(const struct umbs_scene_view *view, int sharp_as_cut_outs,
+                            struct umbs_cuts *cuts, struct umb_error *error)
+{
+    const size_t bytes = view->material_count * sizeof *cuts->own;
+    *cuts = (struct umbs_cuts){.view = view, .materials = view->materials};
+    if (view->material_count == 0) {
+        return UMB_OK;
+    }
+    if (sharp_as_cut_outs) {
+        cuts->materials = cuts->own = malloc(bytes);
+        if (cuts->own == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "cut-out: %zu bytes refused", bytes);
+        }
+        memcpy(cuts->own, view->materials, bytes);
+    }
+    enum umb_status status = find_sharp(cuts, error);
+    if (status == UMB_OK) {
+        status = find_cuts(cuts, error);
+    }
     if (status != UMB_OK) {
         umbs_cuts_finish(cuts);
     }
     return status;
+}
+
+enum umb_status umbs_cuts_find(const struct umbs_scene_view *view, struct umbs_cuts *cuts,
+                               struct umb_error *error)
+{
+    return find(view, 0, cuts, error);
+}
+
+enum umb_status umbs_cuts_find_sharp(const struct umbs_scene_view *view, struct umbs_cuts *cuts,
+                                     struct umb_error *error)
+{
+    return find(view, 1, cuts, error);
 }
 
 void umbs_cuts_finish(struct umbs_cuts *cuts)
@@ -439,6 +573,7 @@ void umbs_cuts_finish(struct umbs_cuts *cuts)
     free(cuts->of);
     free(cuts->cuts);
     free(cuts->digests);
+    free(cuts->own);
     memset(cuts, 0, sizeof *cuts);
 }
 
@@ -477,8 +612,11 @@ void umbs_cuts_take_as_opaque(struct umbs_cuts *cuts, int cut_outs, int transluc
         any |= cuts->of[i] != UMBS_CUT_NONE;
     }
     if (!any) {
-        const struct umbs_cuts figures = {
-            .view = cuts->view, .figures = cuts->figures, .translucent = cuts->translucent};
+        const struct umbs_cuts figures = {.view = cuts->view,
+                                          .materials = cuts->view->materials,
+                                          .figures = cuts->figures,
+                                          .translucent = cuts->translucent,
+                                          .sharp = cuts->sharp};
         umbs_cuts_finish(cuts);
         *cuts = figures;
     }

@@ -19,6 +19,9 @@
  * materials, 0 or 1 by the cut-off of MASK ones, and 1 otherwise. Their triangles have the same
  * three classes: opaque all over, clear all over, or tested.
  *
+ * A BLEND material is *sharp* if nearly all texels of its triangles are clear or opaque, as those
+ * of leaves are whose exporter knew no cut-outs. It can be taken as a cut-out with the cut-off 0.5.
+ *
  *     umbs_cuts_find(&scene->view, &cuts, &error);
  *     ... umbs_cut_keeps(&cuts, cuts.of[triangle], u, v) ...
  *     umbs_cuts_finish(&cuts);
@@ -56,8 +59,24 @@ struct umbs_translucent_figures {
     double least, most; /* range of their opacity, 0..1 */
 };
 
+/* Least share of a sharp material's texels that are clear or opaque, and the greatest opacity that
+ * counts as clear; above 1 minus that is opaque. */
+#define UMBS_SHARP_SHARE 0.9
+#define UMBS_SHARP_CLEAR 0.1
+
+/* Statistics of a scene's sharp materials. */
+struct umbs_sharp_figures {
+    size_t materials; /* number of sharp materials */
+    size_t triangles; /* number of their triangles */
+    uint32_t first;   /* index of the first of them */
+    double share;     /* share of their texels that are clear or opaque, by sampling */
+};
+
 struct umbs_cuts {
-    const struct umbs_scene_view *view; /* borrowed: textures and materials */
+    const struct umbs_scene_view *view; /* borrowed: textures, and the materials as in the file */
+    /* [view->material_count] The materials as they count: the view's, or `own`. */
+    const struct umbs_material *materials;
+    struct umbs_material *own; /* a copy with sharp materials as cut-outs; NULL: not wanted */
     uint32_t *of;          /* [triangles] number in cuts, or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */
     struct umbs_cut *cuts; /* [count] triangles that are tested texel by texel */
     size_t count;
@@ -66,6 +85,7 @@ struct umbs_cuts {
     uint8_t (*digests)[UMB_ID_BYTES];
     struct umbs_cut_figures figures;
     struct umbs_translucent_figures translucent;
+    struct umbs_sharp_figures sharp;
 };
 
 /* Returns a texture's alpha, 0..255. u, v: finite. Cost: four bytes of the texture. */
@@ -101,6 +121,9 @@ int umbs_cut_keeps(const struct umbs_cuts *cuts, uint32_t cut, double u, double 
  */
 UMB_CHECKED enum umb_status umbs_cuts_find(const struct umbs_scene_view *view,
                                            struct umbs_cuts *cuts, struct umb_error *error);
+/* Works like umbs_cuts_find, with sharp materials as cut-outs. */
+UMB_CHECKED enum umb_status umbs_cuts_find_sharp(const struct umbs_scene_view *view,
+                                                 struct umbs_cuts *cuts, struct umb_error *error);
 void umbs_cuts_finish(struct umbs_cuts *cuts); /* a zeroed struct is allowed */
 
 /* Marks the parts with cut triangles as open: a solid with holes bounds no volume. In: parts: found

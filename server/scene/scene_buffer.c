@@ -16,11 +16,12 @@
 #include "base/vec.h"
 #include "common/clean_text.h"
 
-_Static_assert(sizeof(struct umbs_scene_header) == 200, "header without padding");
+_Static_assert(sizeof(struct umbs_scene_header) == 232, "header without padding");
 _Static_assert(sizeof(struct umbs_mesh) == 24, "mesh without padding");
 _Static_assert(sizeof(struct umbs_instance) == 104, "instance without padding");
-_Static_assert(sizeof(struct umbs_material) == 88, "material without padding");
+_Static_assert(sizeof(struct umbs_material) == 104, "material without padding");
 _Static_assert(sizeof(struct umbs_light) == 176, "light without padding");
+_Static_assert(sizeof(struct umbs_light_extent) == 40, "extent without padding");
 _Static_assert(sizeof(struct umbs_texture) == 96, "texture without padding");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "hashes are over little-endian bytes");
 
@@ -42,9 +43,11 @@ static const struct section_kind section_kinds[UMBS_SECTION_COUNT] = {
     [UMBS_SECTION_TEXTURES] = {"texture_count", sizeof(struct umbs_texture), UINT32_MAX},
     [UMBS_SECTION_POSITIONS] = {"vertex_count", 3 * sizeof(double), UINT32_MAX},
     [UMBS_SECTION_UVS] = {"uv count", 2 * sizeof(float), UINT32_MAX},
+    [UMBS_SECTION_NORMALS] = {"normal count", 3 * sizeof(float), UINT32_MAX},
     [UMBS_SECTION_TRIANGLES] = {"triangle_count", 3 * sizeof(uint32_t), UINT32_MAX},
     [UMBS_SECTION_ALPHA] = {"alpha_bytes", 1, 1ULL << 40},
     [UMBS_SECTION_WARNINGS] = {"warnings bytes", 1, 1ULL << 24},
+    [UMBS_SECTION_EXTENTS] = {"extent count", sizeof(struct umbs_light_extent), UINT32_MAX},
 };
 
 size_t umbs_section_item_bytes(enum umbs_section section)
@@ -62,7 +65,7 @@ const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
             return section_kinds[i].name;
         }
         offsets[i] = at;
-        /* A section has at most 2^32 * 176 or 2^40 bytes: ten sections are far from 2^64. */
+        /* A section has at most 2^32 * 176 or 2^40 bytes: eleven sections are far from 2^64. */
         at += (counts[i] * section_kinds[i].item_bytes + 7) & ~7ULL;
     }
     *total = at;
@@ -122,8 +125,8 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
     if (header->z_up > 1) {
         return bad(error, "z_up", header->z_up, "limit", 1);
     }
-    if (header->reserved != 0) {
-        return bad(error, "reserved", header->reserved, "must be", 0);
+    if (header->up_evidence >= UMBS_UP_EVIDENCE_COUNT) {
+        return bad(error, "up_evidence", header->up_evidence, "limit", UMBS_UP_EVIDENCE_COUNT - 1);
     }
     uint64_t offsets[UMBS_SECTION_COUNT];
     uint64_t total;
@@ -145,6 +148,16 @@ static enum umb_status check_header(const struct umbs_scene_header *header, size
     if (uvs != 0 && uvs != header->counts[UMBS_SECTION_POSITIONS]) {
         return bad(error, "uv count", uvs, "must be 0 or", header->counts[UMBS_SECTION_POSITIONS]);
     }
+    const uint64_t normals = header->counts[UMBS_SECTION_NORMALS];
+    if (normals != 0 && normals != header->counts[UMBS_SECTION_POSITIONS]) {
+        return bad(error, "normal count", normals, "must be 0 or",
+                   header->counts[UMBS_SECTION_POSITIONS]);
+    }
+    const uint64_t extents = header->counts[UMBS_SECTION_EXTENTS];
+    if (extents != 0 && extents != header->counts[UMBS_SECTION_LIGHTS]) {
+        return bad(error, "extent count", extents, "must be 0 or",
+                   header->counts[UMBS_SECTION_LIGHTS]);
+    }
     return UMB_OK;
 }
 
@@ -156,6 +169,7 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     const uint64_t *offsets = header->offsets;
     view->format = (enum umbs_format)header->format;
     view->z_up = (int)header->z_up;
+    view->up_evidence = (enum umbs_up_evidence)header->up_evidence;
     view->mesh_count = (uint32_t)counts[UMBS_SECTION_MESHES];
     view->instance_count = (uint32_t)counts[UMBS_SECTION_INSTANCES];
     view->material_count = (uint32_t)counts[UMBS_SECTION_MATERIALS];
@@ -167,10 +181,16 @@ static void fill_view(const unsigned char *bytes, const struct umbs_scene_header
     view->instances = (const void *)(bytes + offsets[UMBS_SECTION_INSTANCES]);
     view->materials = (const void *)(bytes + offsets[UMBS_SECTION_MATERIALS]);
     view->lights = (const void *)(bytes + offsets[UMBS_SECTION_LIGHTS]);
+    view->extents = counts[UMBS_SECTION_EXTENTS] > 0
+                        ? (const void *)(bytes + offsets[UMBS_SECTION_EXTENTS])
+                        : NULL;
     view->textures = (const void *)(bytes + offsets[UMBS_SECTION_TEXTURES]);
     view->positions = (const void *)(bytes + offsets[UMBS_SECTION_POSITIONS]);
     view->uvs =
         counts[UMBS_SECTION_UVS] > 0 ? (const void *)(bytes + offsets[UMBS_SECTION_UVS]) : NULL;
+    view->normals = counts[UMBS_SECTION_NORMALS] > 0
+                        ? (const void *)(bytes + offsets[UMBS_SECTION_NORMALS])
+                        : NULL;
     view->triangles = (const void *)(bytes + offsets[UMBS_SECTION_TRIANGLES]);
     view->alpha = bytes + offsets[UMBS_SECTION_ALPHA];
     view->alpha_bytes = counts[UMBS_SECTION_ALPHA];
@@ -193,6 +213,11 @@ static enum umb_status check_vertices(const struct umbs_scene_view *view, struct
     for (size_t i = 0; view->uvs != NULL && i < view->vertex_count; i++) {
         if (!isfinite(view->uvs[i][0]) || !isfinite(view->uvs[i][1])) {
             return bad_item(error, "uv", i, "is not finite");
+        }
+    }
+    for (size_t i = 0; view->normals != NULL && i < (size_t)3 * view->vertex_count; i++) {
+        if (!in_range((double)view->normals[i / 3][i % 3], -1.0, 1.0)) {
+            return bad_item(error, "normal", i / 3, "is not in -1..1");
         }
     }
     return UMB_OK;
@@ -291,6 +316,13 @@ static enum umb_status check_materials(const struct umbs_scene_view *view, struc
             rule = "texture beyond texture_count";
         } else if (!in_range((double)material->transmission, 0.0, 1.0)) {
             rule = "transmission is not in 0..1";
+        } else if (material->has_image > 1) {
+            rule = "has_image is not 0 or 1";
+        }
+        for (int k = 0; k < 3; k++) {
+            if (!in_range((double)material->base_color[k], 0.0, 1.0)) {
+                rule = "base_color is not in 0..1";
+            }
         }
         if (rule != NULL) {
             return bad_item(error, "material", i, rule);
@@ -305,7 +337,7 @@ static const char *light_fault(const struct umbs_light *light)
     if (!is_name(light->name)) {
         return "name is not clean text";
     }
-    if (light->kind > UMB_LIGHT_POINT) {
+    if (light->kind >= UMB_LIGHT_KINDS) {
         return "kind is unknown";
     }
     if (light->reserved != 0) {
@@ -335,10 +367,32 @@ static const char *light_fault(const struct umbs_light *light)
     return NULL;
 }
 
+static const char *extent_fault(const struct umbs_light_extent *extent,
+                                const struct umbs_light *light)
+{
+    const double side = umb__length(extent->side);
+    const double most = light->kind == UMB_LIGHT_DIRECTIONAL ? PI : UMB_LAMP_SIZE_MAX;
+    if (extent->is_given > 1 || extent->reserved != 0) {
+        return "is_given is not 0 or 1, or reserved is not 0";
+    }
+    if (!in_range(extent->extent, 0.0, extent->is_given ? most : 0.0)) {
+        return "extent is negative, not finite or too large";
+    }
+    if (!in_range(side, 0.0, light->kind == UMB_LIGHT_RECTANGLE ? UMB_LAMP_SIZE_MAX : 0.0)) {
+        return "side is not finite, too large, or not of a rectangle";
+    }
+    return fabs(umb__dot(extent->side, light->direction)) <= UNIT_TOLERANCE * side
+               ? NULL
+               : "side is not across the direction";
+}
+
 static enum umb_status check_lights(const struct umbs_scene_view *view, struct umb_error *error)
 {
     for (size_t i = 0; i < view->light_count; i++) {
         const char *rule = light_fault(&view->lights[i]);
+        if (rule == NULL && view->extents != NULL) {
+            rule = extent_fault(&view->extents[i], &view->lights[i]);
+        }
         if (rule != NULL) {
             return bad_item(error, "light", i, rule);
         }

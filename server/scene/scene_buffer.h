@@ -21,7 +21,7 @@
  */
 #include "scene/scene.h"
 
-#define UMBS_SCENE_MAGIC "UMBSCN1\n"
+#define UMBS_SCENE_MAGIC "UMBSCN2\n"
 
 /* Limits of every scene; options can only be stricter. Coordinates are in metres; matrix entries
  * have the same limit, so products stay finite in float. */
@@ -39,7 +39,9 @@ enum umbs_section {
     UMBS_SECTION_UVS, /* vertex_count or none */
     UMBS_SECTION_TRIANGLES,
     UMBS_SECTION_ALPHA,
+    UMBS_SECTION_NORMALS,  /* vertex_count or none */
     UMBS_SECTION_WARNINGS, /* with its NUL */
+    UMBS_SECTION_EXTENTS,  /* light_count or none */
     UMBS_SECTION_COUNT
 };
 
@@ -49,7 +51,7 @@ struct umbs_scene_header {
     uint32_t format; /* enum umbs_format */
     uint32_t z_up;   /* 0 or 1 */
     uint32_t dropped_faces;
-    uint32_t reserved; /* 0 */
+    uint32_t up_evidence; /* enum umbs_up_evidence */
     uint64_t world_triangle_count;
     uint64_t counts[UMBS_SECTION_COUNT];  /* items */
     uint64_t offsets[UMBS_SECTION_COUNT]; /* bytes from the start of the buffer */

@@ -57,6 +57,7 @@ void umbs_scene_builder_init(struct umbs_scene_builder *builder, enum umbs_forma
     memset(builder, 0, sizeof(*builder));
     builder->format = format;
     builder->z_up = z_up;
+    builder->up_evidence = format == UMBS_FORMAT_GLTF ? UMBS_UP_FORMAT : UMBS_UP_NONE;
     builder->max_triangles = max_triangles > 0 && max_triangles < UMBS_WORLD_TRIANGLES_MAX
                                  ? max_triangles
                                  : UMBS_WORLD_TRIANGLES_MAX;
@@ -95,6 +96,34 @@ enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *builder, const 
         append(builder, UMBS_SECTION_UVS, uv != NULL ? uv : zero, 1, error);
     builder->positions.count -= status != UMB_OK;
     return status;
+}
+
+/* Appends vertices without a normal, up to `count` in all. */
+static enum umb_status fill_normals(struct umbs_scene_builder *builder, size_t count,
+                                    struct umb_error *error)
+{
+    struct umbs_array *normals = &builder->normals;
+    const size_t bytes = 3 * sizeof(float), more = count - normals->count;
+    UMB__TRY(umbs_array_reserve(normals, more, bytes, error));
+    memset((char *)normals->data + normals->count * bytes, 0, more * bytes);
+    normals->count = count;
+    return UMB_OK;
+}
+
+enum umb_status umbs_scene_set_normal(struct umbs_scene_builder *builder, const double normal[3],
+                                      struct umb_error *error)
+{
+    const double length = hypot(hypot(normal[0], normal[1]), normal[2]);
+    const size_t count = builder->positions.count;
+    if (!(length > 0.0) || !isfinite(length) || count == 0) {
+        return UMB_OK;
+    }
+    UMB__TRY(fill_normals(builder, count, error));
+    float *last = (float *)builder->normals.data + 3 * (count - 1);
+    for (int k = 0; k < 3; k++) {
+        last[k] = (float)fmax(-1.0, fmin(1.0, normal[k] / length));
+    }
+    return UMB_OK;
 }
 
 enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
@@ -153,6 +182,7 @@ struct umbs_material umbs_material_opaque(void)
         .alpha_cutoff = 0.5F,
         .base_alpha = 1.0F,
         .texture = UMBS_NO_INDEX,
+        .base_color = {1.0F, 1.0F, 1.0F},
     };
     return material;
 }
@@ -165,9 +195,27 @@ enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
 }
 
 enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
-                                     const struct umbs_light *light, struct umb_error *error)
+                                     const struct umbs_light *light,
+                                     const struct umbs_light_extent *extent,
+                                     struct umb_error *error)
 {
-    return append(builder, UMBS_SECTION_LIGHTS, light, 1, error);
+    static const struct umbs_light_extent none = {0};
+    UMB__TRY(append(builder, UMBS_SECTION_EXTENTS, extent != NULL ? extent : &none, 1, error));
+    const enum umb_status status = append(builder, UMBS_SECTION_LIGHTS, light, 1, error);
+    builder->extents.count -= status != UMB_OK;
+    return status;
+}
+
+/* Returns the number of extents to write: none if the file gives none, so that the scene's hash is
+ * that of its lights alone. */
+static size_t extent_count(const struct umbs_scene_builder *builder)
+{
+    const struct umbs_light_extent *extents = builder->extents.data;
+    size_t given = 0;
+    for (size_t i = 0; i < builder->extents.count; i++) {
+        given += extents[i].is_given;
+    }
+    return given > 0 ? builder->extents.count : 0;
 }
 
 enum umb_status umbs_scene_add_texture(struct umbs_scene_builder *builder,
@@ -238,16 +286,21 @@ enum umb_status umbs_scene_builder_write(struct umbs_scene_builder *builder,
     struct umbs_scene_header header = {
         .format = (uint32_t)builder->format,
         .z_up = builder->z_up != 0,
+        .up_evidence = builder->up_evidence,
         .dropped_faces = builder->dropped_faces,
         .world_triangle_count = builder->world_triangles,
     };
     UMB__TRY(umbs_array_reserve(&builder->warnings, 1, 1, error));
     ((char *)builder->warnings.data)[builder->warnings.count] = '\0';
     clear_unusable_positions(&builder->positions);
+    if (builder->normals.count > 0) {
+        UMB__TRY(fill_normals(builder, builder->positions.count, error));
+    }
     memcpy(header.magic, UMBS_SCENE_MAGIC, sizeof(header.magic));
     for (int i = 0; i < UMBS_SECTION_COUNT; i++) {
         header.counts[i] = builder->sections[i].count + (i == UMBS_SECTION_WARNINGS);
     }
+    header.counts[UMBS_SECTION_EXTENTS] = extent_count(builder);
     const char *field = umbs_scene_layout(header.counts, header.offsets, &header.total_bytes);
     if (field != NULL) {
         return umb_fail(error, UMB_E_LIMIT, "%s is over its limit", field);

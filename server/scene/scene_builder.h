@@ -30,6 +30,7 @@ struct umbs_array {
 struct umbs_scene_builder {
     enum umbs_format format;
     int z_up;
+    uint32_t up_evidence;   /* enum umbs_up_evidence */
     uint64_t max_triangles; /* limit, instances multiplied */
     union {
         struct {                         /* in the order of enum umbs_section */
@@ -42,7 +43,9 @@ struct umbs_scene_builder {
             struct umbs_array uvs;       /* float[2]: none, or as many as positions */
             struct umbs_array triangles; /* uint32_t[3] */
             struct umbs_array alpha;     /* uint8_t */
+            struct umbs_array normals;   /* float[3], at most as many as positions */
             struct umbs_array warnings;  /* char, without a NUL */
+            struct umbs_array extents;   /* struct umbs_light_extent, as many as lights */
         };
         struct umbs_array sections[UMBS_SECTION_COUNT];
     };
@@ -80,6 +83,11 @@ UMB_CHECKED enum umb_status umbs_scene_add_vertex(struct umbs_scene_builder *bui
                                                   const double position[3], const float *uv,
                                                   struct umb_error *error);
 
+/* Gives the last vertex a normal of any length; one that is 0 or not finite counts as none. Fails:
+ * E_NO_MEMORY. */
+UMB_CHECKED enum umb_status umbs_scene_set_normal(struct umbs_scene_builder *builder,
+                                                  const double normal[3], struct umb_error *error);
+
 /* Appends a triangle to the mesh that the next umbs_scene_end_mesh makes. Fails: E_NO_MEMORY,
  * E_LIMIT. */
 UMB_CHECKED enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *builder,
@@ -101,14 +109,16 @@ UMB_CHECKED enum umb_status umbs_scene_add_instance(struct umbs_scene_builder *b
                                                     uint32_t mesh, const double (*transform)[4],
                                                     struct umb_error *error);
 
-/* An opaque material: cut-off 0.5, one sided, no texture, no name. */
+/* An opaque white material: cut-off 0.5, one sided, no texture, no name. */
 struct umbs_material umbs_material_opaque(void);
 
 UMB_CHECKED enum umb_status umbs_scene_add_material(struct umbs_scene_builder *builder,
                                                     const struct umbs_material *material,
                                                     struct umb_error *error);
+/* extent: NULL = the file gives none. */
 UMB_CHECKED enum umb_status umbs_scene_add_light(struct umbs_scene_builder *builder,
                                                  const struct umbs_light *light,
+                                                 const struct umbs_light_extent *extent,
                                                  struct umb_error *error);
 
 /* Appends an alpha texture and its pixels, uint8[height][width]; texture->offset is set here. */

@@ -23,7 +23,8 @@ enum umbs_child_argument {
     UMBS_CHILD_ARG_MAX_MEMORY = 3,    /* bytes of address space */
     UMBS_CHILD_ARG_MAX_INPUT = 4,     /* limit in bytes of every file read */
     UMBS_CHILD_ARG_MAX_TRIANGLES = 5, /* instances multiplied */
-    UMBS_CHILD_ARG_COUNT = 6,
+    UMBS_CHILD_ARG_LOOK = 6,          /* 1: shapes only; 2: what pictures need, too */
+    UMBS_CHILD_ARG_COUNT = 7,
 };
 
 #endif

@@ -360,6 +360,7 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
     (void)snprintf(input, sizeof(input), "%" PRIu64, import->options.max_input_bytes);
     (void)snprintf(triangles, sizeof(triangles), "%" PRIu64, import->options.max_triangles);
     char command[] = UMBS_CHILD_COMMAND;
+    char look[] = {import->options.look ? '2' : '1', '\0'};
     char *arguments[UMBS_CHILD_ARG_COUNT + 1] = {
         [0] = import->importer,
         [UMBS_CHILD_ARG_COMMAND] = command,
@@ -367,6 +368,7 @@ static enum umb_status run_importer(struct import *import, struct umb_error *err
         [UMBS_CHILD_ARG_MAX_MEMORY] = memory,
         [UMBS_CHILD_ARG_MAX_INPUT] = input,
         [UMBS_CHILD_ARG_MAX_TRIANGLES] = triangles,
+        [UMBS_CHILD_ARG_LOOK] = look,
     };
     UMB__TRY(run_program(import, arguments, error));
     return classify(import, error);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `aliasing`: how well the texels of a shadow map, or of a camera's cascades, fit the pixels of a
- * view. It computes the pixels that a texel covers at each visible point, and prints a histogram,
- * the sufficient resolution, and a heat map.
+ * `aliasing`: how well the texels of a shadow map, of a camera's cascades, or of the maps around a
+ * lamp fit the pixels of a view. It computes the pixels that a texel covers at each visible point,
+ * and prints a histogram, the sufficient resolution, and a heat map.
  */
 #include "study/setup.h"
 
@@ -12,17 +12,29 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
+#include "base/vec.h"
 #include "study/gbuffer.h"
 #include "study/picture.h"
 #include "study/study_math.h"
 #include "umbrage/aliasing.h"
 
-#define BINS     12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
-#define BIN_LOW  (-5)
-#define WAYS     4
-#define NEAR_MIN 1e-3 /* near plane of cascades, as a share of the farthest visible point */
+#define BINS        12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
+#define BIN_LOW     (-5)
+#define SUN_WAYS    4
+#define WAYS        6    /* with those of a lamp */
+#define LAMP_AT_MAX 1e12 /* metres */
+#define NEAR_MIN    1e-3 /* near plane of cascades, as a share of the farthest visible point */
 
-static const char *const way_names[WAYS] = {"uniform", "slice", "scene", "lispsm"};
+static const char *const way_names[WAYS] = {"uniform", "slice", "scene",
+                                            "lispsm",  "cube",  "paraboloid"};
+
+/* Directions of the maps around a lamp: the faces of a cube; the first two also of paraboloids. */
+static const struct {
+    const char *name;
+    double forward[3], up[3];
+} faces[] = {{"+z", {0, 0, 1}, {0, 1, 0}}, {"-z", {0, 0, -1}, {0, 1, 0}},
+             {"+x", {1, 0, 0}, {0, 0, 1}}, {"-x", {-1, 0, 0}, {0, 0, 1}},
+             {"+y", {0, 1, 0}, {0, 0, 1}}, {"-y", {0, -1, 0}, {0, 0, 1}}};
 
 struct summary {
     size_t count;
@@ -37,6 +49,8 @@ struct aliasing {
     uint64_t resolution, cascades;
     unsigned way_index;
     double weight;
+    double lamp[4];          /* position of a lamp, metres; [3]: 1 = given */
+    int first_way, ways_end; /* ways that are compared */
     struct umbt_setup setup;
     struct umbt_gbuffer buffer;
     struct umb_camera camera;            /* camera of the view */
@@ -49,17 +63,34 @@ struct aliasing {
 
 #define AT(field) UMBU_AT(struct aliasing, field)
 
+static enum umb_status read_lamp(const struct umbu_option *option, const char *text, void *field,
+                                 struct umb_error *error)
+{
+    double *lamp = field;
+    lamp[3] = 1.0;
+    return umbu_read_numbers(text, 3, lamp) && fabs(lamp[0]) <= LAMP_AT_MAX &&
+                   fabs(lamp[1]) <= LAMP_AT_MAX && fabs(lamp[2]) <= LAMP_AT_MAX
+               ? UMB_OK
+               : umbu_refuse(option, text, error);
+}
+
 static const struct umbu_option OPTIONS[] = {
     {UMBT_SCENE_ROW},
     {"output", "FILE",
      "heat map, PNG: blue 1/16 pixel a texel and less, white 1, red 16; - is stdout", UMBU_TEXT,
      UMBT_AT(output), .letter = 'o'},
-    {"way", "WAY", "way of the heat map to spend texels: uniform, slice, scene or lispsm",
-     UMBU_CHOICE("uniform|slice|scene|lispsm"), AT(way_index), .standard = "uniform"},
+    {"lamp", "X,Y,Z", "a lamp there instead of the sun",
+     UMBU_READ(read_lamp, "X,Y,Z in metres, at most 1e12 in magnitude"), AT(lamp),
+     .excludes = "sun"},
+    {"way", "WAY",
+     "way of the heat map to spend texels: uniform, slice, scene or lispsm; of a lamp cube or "
+     "paraboloid",
+     UMBU_CHOICE("uniform|slice|scene|lispsm|cube|paraboloid"), AT(way_index),
+     .otherwise = "uniform; cube of a lamp"},
     {"resolution", "N", "texels a side of each map, 16 to 16384", UMBU_COUNT(16, UMB_MAP_SIDE_MAX),
      AT(resolution), .standard = "1024"},
-    {"cascades", "N", "number of slices of the view, 1 to 8", UMBU_COUNT(1, UMB_CASCADES_MAX),
-     AT(cascades), .standard = "4"},
+    {"cascades", "N", "number of slices of the view, 1 to 8; not of a lamp",
+     UMBU_COUNT(1, UMB_CASCADES_MAX), AT(cascades), .standard = "4"},
     {"weight", "W", "weight of logarithmic against uniform splits, 0 to 1", UMBU_NUMBER(0, 1),
      AT(weight), .standard = "0.7"},
     {UMBT_SIZE_ROW(4096, "1280x720")},
@@ -68,15 +99,68 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage aliasing",
     .usage = "umbrage aliasing SCENE [options]",
-    .summary = "Says for every visible point how many pixels a texel of the sun's shadow map\n"
+    .summary = "Says for every visible point how many pixels a texel of a light's shadow map\n"
                "covers there, in its longest direction: above 1 the map is undersampled, and\n"
                "edges show steps. Four ways to spend texels are compared: one map of the scene\n"
                "(uniform); and cascades around each slice (slice), around what slice and scene\n"
-               "share (scene), and the same warped (lispsm).",
-    .notes = "Points that face away from the sun are left out. Exit codes: 0 ok, 2 usage, 65\n"
+               "share (scene), and the same warped (lispsm). For a lamp: the six faces of a cube\n"
+               "around it, and two paraboloids, along the world's axes.",
+    .notes = "Points that face away from the light are left out. Exit codes: 0 ok, 2 usage, 65\n"
              "bad data, 66 no input, 73 cannot create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
+
+/* Makes the maps around a lamp, whose depth ranges over the scene. */
+static enum umb_status lamp_plans_make(struct aliasing *a, struct umb_error *error)
+{
+    double far = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const struct umb_box *box = &a->common.scene.box;
+        const double away = fmax(fabs(box->min[k] - a->lamp[k]), fabs(box->max[k] - a->lamp[k]));
+        far += away * away;
+    }
+    far = sqrt(far);
+    for (int way = a->first_way; way < a->ways_end; way++) {
+        const int is_cube = way == SUN_WAYS;
+        struct umb_cascade_plan *plan = &a->plans[way];
+        plan->count = is_cube ? 6 : 2;
+        for (uint32_t i = 0; i < plan->count; i++) {
+            struct umb_map_spot spot = {.tangent = 1,
+                                        .near_m = far * NEAR_MIN,
+                                        .far_m = far,
+                                        .projection =
+                                            is_cube ? UMB_MAP_PERSPECTIVE : UMB_MAP_PARABOLOID};
+            memcpy(spot.position, a->lamp, sizeof spot.position);
+            memcpy(spot.forward, faces[i].forward, sizeof spot.forward);
+            memcpy(spot.up, faces[i].up, sizeof spot.up);
+            UMB__TRY(umb_map_frustum_spot(&spot, (uint32_t)a->resolution, (uint32_t)a->resolution,
+                                          &plan->frusta[i], error));
+        }
+    }
+    return UMB_OK;
+}
+
+/* Returns the map of a plan that a visible point is looked up in. */
+static int slice_of(const struct aliasing *a, const struct umb_cascade_plan *plan,
+                    const double position[3])
+{
+    int slice = 0;
+    if (a->lamp[3] > 0.0) {
+        double from[3], most = -INFINITY;
+        umb__subtract(position, a->lamp, from);
+        for (int i = 0; i < (int)plan->count; i++) {
+            const double along = umb__dot(faces[i].forward, from);
+            slice = along > most ? i : slice;
+            most = fmax(most, along);
+        }
+        return slice;
+    }
+    const double z = umbt_camera_depth(&a->setup.camera, position);
+    while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
+        slice++;
+    }
+    return slice;
+}
 
 static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
 {
@@ -89,11 +173,14 @@ static enum umb_status plans_make(struct aliasing *a, struct umb_error *error)
     }
     a->camera =
         umbt_camera_view(camera, fmin(fmax(near, NEAR_MIN * far), 0.999 * far), far * (1.0 + 1e-9));
+    if (a->lamp[3] > 0.0) {
+        return lamp_plans_make(a, error);
+    }
     struct umb_cascade_settings settings = {.count = (uint32_t)a->cascades, .weight = a->weight};
     for (uint32_t i = 0; i < UMB_CASCADES_MAX; i++) {
         settings.resolution[i] = (uint32_t)a->resolution;
     }
-    for (int way = 1; way < WAYS; way++) {
+    for (int way = 1; way < SUN_WAYS; way++) {
         settings.fit = (enum umb_cascade_fit)(way - 1);
         UMB__TRY(umb_cascades_plan(&a->camera, a->setup.to_light, &a->common.scene.box, &settings,
                                    &a->plans[way], error));
@@ -142,14 +229,10 @@ static void way_run(struct aliasing *a, int way, int only, struct summary *summa
     size_t count = 0;
     for (size_t i = 0; i < a->buffer.receiver_count; i++) {
         const double *position = a->buffer.positions[i];
-        const double z = umbt_camera_depth(&a->setup.camera, position);
+        const int slice = slice_of(a, plan, position);
         double normal[3];
         struct umb_aliasing result;
-        int slice = 0;
         umbt_widen(a->buffer.normals[i], normal);
-        while (slice + 1 < (int)plan->count && z >= plan->splits[slice + 1]) {
-            slice++;
-        }
         const int known = umb_aliasing_at(&plan->frusta[slice], &a->camera, a->common.size[0],
                                           a->common.size[1], position, normal, &result) == UMB_OK;
         if (only < 0 && way == (int)a->way_index) {
@@ -176,7 +259,7 @@ static enum umb_status view_analyse(struct aliasing *a, struct umb_error *error)
     if (a->most == NULL || a->sorted == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     }
-    for (int way = 0; way < WAYS; way++) {
+    for (int way = a->first_way; way < a->ways_end; way++) {
         way_run(a, way, -1, &a->summaries[way]);
         for (int slice = 0; slice < (int)a->plans[way].count; slice++) {
             way_run(a, way, slice, &a->slices[way][slice]);
@@ -231,11 +314,15 @@ static void report_text(FILE *to, const void *state)
             a->resolution);
     fprintf(to, "%-11s %8s %8s %8s %8s %8s %8s %8s %9s\n", "way", "points", "above 1", "median",
             "95%", "99%", "persp.", "proj.", "texels*");
-    for (int way = 0; way < WAYS; way++) {
+    for (int way = a->first_way; way < a->ways_end; way++) {
         line_text(to, way_names[way], &a->summaries[way], a->resolution);
         for (uint32_t i = 0; i < a->plans[way].count && a->plans[way].count > 1; i++) {
             char name[32];
-            (void)snprintf(name, sizeof name, "  to %.4gm", a->plans[way].splits[i + 1]);
+            if (a->lamp[3] > 0.0) {
+                (void)snprintf(name, sizeof name, "  %s", faces[i].name);
+            } else {
+                (void)snprintf(name, sizeof name, "  to %.4gm", a->plans[way].splits[i + 1]);
+            }
             line_text(to, name, &a->slices[way][i], a->resolution);
         }
     }
@@ -245,7 +332,7 @@ static void report_text(FILE *to, const void *state)
         fprintf(to, " %s2^%d", bin == 0 ? "<" : "", BIN_LOW + bin + (bin == 0));
     }
     fprintf(to, "\n");
-    for (int way = 0; way < WAYS; way++) {
+    for (int way = a->first_way; way < a->ways_end; way++) {
         fprintf(to, "%-15s", way_names[way]);
         for (int bin = 0; bin < BINS; bin++) {
             fprintf(to, " %zu", a->summaries[way].bins[bin]);
@@ -278,7 +365,11 @@ static void put_way(struct umbu_json *json, const struct aliasing *a, int way)
     umbu_json_begin(json, "slices", '[');
     for (uint32_t i = 0; i < a->plans[way].count; i++) {
         umbu_json_begin(json, NULL, '{');
-        umbu_json_rounded(json, "to_m", a->plans[way].splits[i + 1], 9);
+        if (a->lamp[3] > 0.0) {
+            umbu_json_text(json, "face", faces[i].name);
+        } else {
+            umbu_json_rounded(json, "to_m", a->plans[way].splits[i + 1], 9);
+        }
         put_summary(json, &a->slices[way][i], a->resolution);
         umbu_json_end(json, '}');
     }
@@ -292,7 +383,7 @@ static void report_json(struct umbu_json *json, const void *state)
     UMBU_JSON_COUNTS(json, {"width", a->common.size[0]}, {"height", a->common.size[1]},
                      {"resolution", a->resolution});
     umbu_json_begin(json, "ways", '[');
-    for (int way = 0; way < WAYS; way++) {
+    for (int way = a->first_way; way < a->ways_end; way++) {
         umbu_json_begin(json, NULL, '{');
         put_way(json, a, way);
         umbu_json_end(json, '}');
@@ -303,7 +394,17 @@ static enum umb_status aliasing_run(void *state, const struct umbu_parsed *parse
                                     struct umb_error *error)
 {
     struct aliasing *a = state;
-    (void)parsed;
+    const int is_lamp = a->lamp[3] > 0.0;
+    a->first_way = is_lamp ? SUN_WAYS : 0;
+    a->ways_end = is_lamp ? WAYS : SUN_WAYS;
+    if (!umbu_given(parsed, "way")) {
+        a->way_index = (unsigned)a->first_way;
+    }
+    if ((int)a->way_index < a->first_way || (int)a->way_index >= a->ways_end) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--way: '%s' is one of %s; give %s",
+                        way_names[a->way_index], is_lamp ? "suns" : "lamps (--lamp)",
+                        is_lamp ? "cube or paraboloid" : "uniform, slice, scene or lispsm");
+    }
     UMB__TRY(view_analyse(a, error));
     return a->common.output != NULL ? heat_write(a, error) : UMB_OK;
 }

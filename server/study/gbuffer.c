@@ -25,6 +25,7 @@ enum umb_status umbt_gbuffer_init(struct umbt_gbuffer *buffer, uint32_t width, u
     memset(buffer, 0, sizeof *buffer);
     buffer->width = width;
     buffer->aa = aa;
+    buffer->samples_max = capacity;
     buffer->capacity = capacity;
     buffer->slots = calloc(capacity, sizeof *buffer->slots);
     buffer->positions = calloc(capacity, sizeof *buffer->positions);
@@ -45,16 +46,9 @@ void umbt_gbuffer_finish(struct umbt_gbuffer *buffer)
     free(buffer->positions);
     free(buffer->normals);
     free(buffer->triangles);
+    free(buffer->opacities);
+    free(buffer->behind);
     memset(buffer, 0, sizeof *buffer);
-}
-
-/* Computes the offset of sub-sample k of aa * aa in its pixel, 0..1. The grid is turned, so that no
- * two sub-samples share a row or a column. */
-static void subsample_offset(uint32_t aa, uint32_t k, double *u, double *v)
-{
-    const double i = (double)(k % aa), j = (double)(k / aa), n = (double)aa;
-    *u = (i + (j + 0.5) / n) / n;
-    *v = (j + (n - 0.5 - i) / n) / n;
 }
 
 /* Returns the distance at which a ray meets the triangle's plane. Embree's distance is returned
@@ -69,28 +63,48 @@ static double distance_refine(const double corners[3][3], const double normal[3]
     return isfinite(refined) && fabs(refined - distance) <= tolerance ? refined : distance;
 }
 
+/* Puts the ground at a sub-sample that sees it before `distance`; negative: the ray meets no
+ * surface. A surface that lies on the ground hides it. */
+static void ground_meet(const struct fill *fill, size_t index, const double direction[3],
+                        double distance)
+{
+    struct umbt_gbuffer *buffer = fill->buffer;
+    const struct umbt_ground *ground = &buffer->ground;
+    const double *eye = fill->camera->eye;
+    const double way = (ground->height - eye[ground->axis]) / direction[ground->axis];
+    const double slack = 1e-6 * (fill->far_m + way);
+    if (!ground->wanted || !(way > 0.0) || !(way < ground->extent_m) ||
+        (distance >= 0.0 && distance <= way + slack)) {
+        return;
+    }
+    umbt_along(eye, way, direction, buffer->positions[index]);
+    buffer->positions[index][ground->axis] = ground->height;
+    for (int k = 0; k < 3; k++) {
+        buffer->normals[index][k] = k != ground->axis                    ? 0.0F
+                                    : eye[ground->axis] < ground->height ? -1.0F
+                                                                         : 1.0F;
+    }
+    buffer->triangles[index] = UMBT_GROUND;
+}
+
 /* Traces a sub-sample. Until hits_gather the hit is stored at the sub-sample's own index. */
 static void sample_trace(void *user, size_t index)
 {
     const struct fill *fill = user;
     struct umbt_gbuffer *buffer = fill->buffer;
-    const uint32_t per_pixel = buffer->aa * buffer->aa;
-    const size_t pixel = index / per_pixel;
-    double u = 0.0, v = 0.0, direction[3];
-    subsample_offset(buffer->aa, (uint32_t)(index % per_pixel), &u, &v);
-    u = ((double)(pixel % buffer->width) + u) / (double)buffer->width;
-    v = ((double)(buffer->first_row + pixel / buffer->width) + v) / (double)fill->height;
-    umbt_camera_ray(fill->camera, u, v, direction);
+    const double *eye = fill->camera->eye;
+    double direction[3], normal[3], to_eye[3];
+    umbt_gbuffer_direction(buffer, fill->camera, fill->height, index, direction);
 
     struct umbr_hit hit = {.distance = -1.0};
-    umbr_nearest(fill->scene->rays, fill->camera->eye, direction, 0.0, fill->far_m, &hit);
+    umbr_nearest(umbt_seen_rays(fill->scene), eye, direction, 0.0, fill->far_m, &hit);
     buffer->triangles[index] = UMBT_SKY;
-    if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count) {
+    ground_meet(fill, index, direction, hit.distance);
+    if (!(hit.distance >= 0.0) || hit.triangle >= fill->scene->count ||
+        buffer->triangles[index] == UMBT_GROUND) {
         return;
     }
     const double(*corners)[3] = (const double(*)[3])fill->scene->corners[hit.triangle];
-    const double *eye = fill->camera->eye;
-    double normal[3], to_eye[3];
     umb__triangle_cross(corners, normal);
     if (!(umbt_normalize(normal) > 0.0)) {
         return;
@@ -120,6 +134,8 @@ static void hits_gather(struct umbt_gbuffer *buffer, size_t sample_count)
         }
     }
     buffer->receiver_count = n;
+    buffer->seen_count = n;
+    buffer->first_layer = n;
 }
 
 enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,
@@ -143,10 +159,11 @@ enum umb_status umbt_gbuffer_fill(struct umbt_gbuffer *buffer, const struct umbt
     buffer->row_count = row_count;
     const enum umb_status status =
         umbu_range_each(threads, count, 4096, sample_trace, &fill, error);
-    if (status == UMB_OK) {
-        hits_gather(buffer, count);
+    if (status != UMB_OK) {
+        return status;
     }
-    return status;
+    hits_gather(buffer, count);
+    return umbt_gbuffer_add_layers(buffer, scene, camera, height, fill.far_m, threads, error);
 }
 
 enum umb_status umbt_gbuffer_view(struct umbt_gbuffer *buffer, const struct umbt_scene *scene,

@@ -329,7 +329,7 @@ enum umb_status umbt_lamp_run(const struct umbt_lamp_view *lamp, const struct um
                   (double)lamp->view->buffer.receiver_count;
     }
     if (status == UMB_OK) {
-        result->time = umbt_median(ns, RUNS);
+        result->time = umbt_least(ns, RUNS);
         compare(lamp,
                 row->truth == UMBT_BOX ? lamp->faces[row->paraboloid].box
                                        : lamp->view->truth[row->truth],

@@ -108,15 +108,20 @@ struct umbt_rgb umbt_surface_color(uint32_t key)
     return color;
 }
 
-struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine, double upward)
+struct umbt_rgb umbt_shade_light(struct umbt_rgb surface, const double light[3], double upward)
 {
     const struct umbt_rgb ambient = mix(ground_light, sky_light, 0.5 + 0.5 * upward);
-    const double sun = visibility * fmax(cosine, 0.0);
     struct umbt_rgb out;
     for (int k = 0; k < 3; k++) {
-        out.c[k] = surface.c[k] * (sun * sun_color.c[k] + ambient.c[k]);
+        out.c[k] = surface.c[k] * (light[k] * sun_color.c[k] + ambient.c[k]);
     }
     return out;
+}
+
+struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine, double upward)
+{
+    const double sun = visibility * fmax(cosine, 0.0), light[3] = {sun, sun, sun};
+    return umbt_shade_light(surface, light, upward);
 }
 
 struct umbt_rgb umbt_fog_shade(struct umbt_rgb color, double through, double lit)
@@ -147,9 +152,23 @@ double umbt_shoulder(double linear)
     return knee + (1.0 - knee) * (1.0 - exp(-(linear - knee) / (1.0 - knee)));
 }
 
-uint8_t umbt_srgb8(double linear)
+uint8_t umbt_srgb8_dithered(double linear, double threshold)
 {
     const double x = fmin(fmax(linear, 0.0), 1.0);
     const double encoded = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1.0 / 2.4) - 0.055;
-    return (uint8_t)(encoded * 255.0 + 0.5);
+    return (uint8_t)fmin(encoded * 255.0 + threshold, 255.0);
+}
+
+uint8_t umbt_srgb8(double linear)
+{
+    return umbt_srgb8_dithered(linear, 0.5);
+}
+
+double umbt_dither(uint32_t x, uint32_t y)
+{
+    uint32_t rank = 0;
+    for (int bit = 0; bit < 3; bit++) {
+        rank = rank << 2 | ((x ^ y) >> bit & 1U) << 1 | (y >> bit & 1U);
+    }
+    return ((double)rank + 0.5) / 64.0;
 }

@@ -37,9 +37,13 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
 /*
  * Returns the light that leaves a surface, before the shoulder.
  *
- * In: visibility: visible share of the sun, 0..1. cosine: cosine of the angle to the sun; below 0
- *     counts as 0. upward: vertical component of the normal, -1..1.
+ * In: light: what reaches it of each colour; 1: of a sun right above it. upward: vertical component
+ *     of the normal, -1..1.
  */
+struct umbt_rgb umbt_shade_light(struct umbt_rgb surface, const double light[3], double upward);
+
+/* The same under one white sun. visibility: visible share of the sun, 0..1. cosine: of the angle to
+ * the sun; below 0 counts as 0. */
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);
 
@@ -54,5 +58,13 @@ double umbt_shoulder(double linear);
 
 /* Encodes one linear value (clamped to 0..1) as 8-bit sRGB. Source: IEC 61966-2-1. */
 uint8_t umbt_srgb8(double linear);
+
+/* The same, rounded up where the rest is at least 1 - threshold. With thresholds of umbt_dither a
+ * slow gradient, such as the sky, has no bands. */
+uint8_t umbt_srgb8_dithered(double linear, double threshold);
+
+/* Returns the threshold of a pixel, above 0 and below 1: an ordered pattern of 8 x 8 (Bayer 1973).
+ */
+double umbt_dither(uint32_t x, uint32_t y);
 
 #endif

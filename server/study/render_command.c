@@ -13,8 +13,9 @@
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "tool/session.h"
+#include "study/render_lights.h"
 #include "study/study_picture.h"
-#include "study/study_math.h"
+#include "study/surface.h"
 
 struct render {
     struct umbt_common common;
@@ -26,10 +27,12 @@ struct render {
     int is_traced, compare;
     enum umbt_truth_kind kind;
     uint32_t samples;
-    double fog_density; /* Extinction, 1/m; 0: clear air */
-    struct umbt_shadow_source source;
+    double fog_density;            /* Extinction, 1/m; 0: clear air */
+    int with_ground;               /* 1: draws a plane below the scene */
+    struct umbt_light_list wanted; /* Lights of --light */
+    struct umbt_render_lights lights;
     struct umbt_setup setup;
-    struct umbt_truth truth;
+    struct umbt_ground ground;
     struct umbt_fog fog;
     struct umbt_pictures pictures;
     struct umbt_picture_result result;
@@ -53,13 +56,18 @@ static const struct umbu_option OPTIONS[] = {
     {UMBT_SIZE_ROW(16384, "1280x720")},
     {"aa", "N", "sub-samples a side of a pixel, 1 to 3: N x N samples", UMBU_COUNT(1, 3), AT(aa),
      .otherwise = "2; 1 with traced windows"},
-    {.setting = "light", AT(settings.light), .max = UMB_LIGHTS_MAX - 1, .standard = "0"},
+    {"light", "N", "number of a light to draw; may be repeated, and the lights add up",
+     UMBT_READ_LIGHT, AT(wanted), .otherwise = "all, with --fog or more than 16 the first",
+     .fields = "light"},
     {.setting = "taps", AT(settings.taps), .otherwise = "9; 1 with --filter penumbra or footprint"},
-    {.setting = "filter", AT(settings.filter), .standard = "box"},
+    {.setting = "filter", AT(settings.filter), .standard = "footprint"},
     {UMBU_LIGHT_SIZE_ROW(struct render, settings.light_extent)},
     {UMBU_BIAS_ROW(struct render, settings)},
     {UMBU_OTHER_SETTINGS(struct render, settings,
                          "format|footprint_m|eye|pixel_rad|level|opaque_only")},
+    {"ground", NULL,
+     "draws a level opaque plane at the scene's foot, which receives shadows and casts none",
+     UMBU_FLAG, AT(with_ground)},
     {"fog", "D", "extinction of sunlit fog per metre, above 0 to 100: shows light shafts",
      UMBU_ABOVE(0, FOG_MAX), AT(fog_density), .excludes = "traced|compare"},
     {UMBT_THREADS_ROW},
@@ -70,12 +78,10 @@ static const struct umbu_option OPTIONS[] = {
 
 static const struct umbu_option TRACED[] = {
     {"traced", NULL,
-     "takes the shadows from rays instead of the asset; rays pass through translucent casters if "
-     "the asset knows of any",
+     "takes the shadows from rays instead of the asset; translucent casters take their share of "
+     "a ray's light if the asset was baked with them",
      UMBU_FLAG, AT(is_traced), .excludes = "compare"},
-    {"compare", NULL,
-     "draws both, and prints how they differ where the surface faces the light; opaque casters "
-     "only",
+    {"compare", NULL, "draws both, and prints how they differ where the surface faces the light",
      UMBU_FLAG, AT(compare)},
     {"difference", "FILE",
      "PNG file of the difference: red where the asset is lighter, blue where it is darker",
@@ -190,78 +196,85 @@ static enum umb_status options_check(struct render *render, struct umb_error *er
 static enum umb_status inputs_open(struct render *render, struct umb_error *error)
 {
     const double start = umbu_clock_s();
-    render->settings.opaque_only = render->compare; /* rays know only opaque and open */
-    UMB__TRY(umbt_shadow_source_open(&render->source, render->asset_name, &render->daemon,
-                                     &render->settings, error));
+    const struct umbt_shadow_source *first = &render->lights.sources[0];
+    UMB__TRY(umbt_render_lights_open(&render->lights, &render->wanted, render->fog_density > 0.0,
+                                     render->asset_name, &render->daemon, &render->settings,
+                                     error));
+    if (render->fog_density > 0.0 && render->lights.count > 1) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--fog: of one light; --light is given %u times",
+                        render->lights.count);
+    }
     UMB__TRY(umbt_scene_init(&render->common.scene, render->common.scene_path,
-                             render->source.translucent ? UMBT_SCENE_THROUGH : 0, error));
-    UMB__TRY(umbt_common_match(&render->common, render->asset_name, render->source.info.scene_hash,
-                               error));
+                             first->scene_flags | UMBT_SCENE_SEEN | UMBT_SCENE_LOOK, error));
+    UMB__TRY(umbt_common_match(&render->common, render->asset_name, first->info.scene_hash, error));
     render->load_s = umbu_clock_s() - start;
     return UMB_OK;
 }
 
-/* Fails if --truth disc is wanted for a light that is not directional or has no extent: rays over
- * the light's disc are traced for directional lights only. */
-static enum umb_status truth_check(const struct render *render, struct umb_error *error)
+/* Fails if --truth disc is wanted for a light without an extent: it traces rays to the light's
+ * points. */
+static enum umb_status truths_check(const struct render *render, struct umb_error *error)
 {
-    const struct umbt_truth *truth = &render->truth;
-    if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC &&
-        (truth->lamp != NULL || !(truth->extent > 0))) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is %s",
-                        render->settings.light,
-                        truth->lamp != NULL ? "not directional" : "a point; give --light-size");
+    for (uint32_t i = 0; i < render->lights.count; i++) {
+        const struct umbt_truth *truth = &render->lights.truths[i];
+        const double extent = truth->lamp != NULL ? truth->lamp->extent : truth->extent;
+        if ((render->is_traced || render->compare) && truth->kind == UMBT_TRUTH_DISC &&
+            !(extent > 0)) {
+            return umb_fail(error, UMB_E_UNSUPPORTED, "--truth disc: light %u is a point; %s",
+                            render->lights.numbers[i],
+                            truth->lamp != NULL ? "bake it with --light-size or --area"
+                                                : "give --light-size");
+        }
     }
     return UMB_OK;
 }
 
+/* Makes the camera, and what depends on where it stands. */
 static enum umb_status view_make(struct render *render, struct umb_error *error)
 {
     struct umbt_setup *setup = &render->setup;
-    struct umbt_truth *truth = &render->truth;
+    struct umbt_render_lights *lights = &render->lights;
     setup->scene = &render->common.scene;
     setup->z_up = umbt_is_z_up(&render->common);
-    const struct umb_light_info *light = &render->source.light;
-    /* A point light has no direction: the scene is shown as if lit from above. */
-    for (int k = 0; k < 3; k++) {
-        setup->to_light[k] =
-            light->kind == UMB_LIGHT_POINT ? k == (setup->z_up ? 2 : 1) : -light->direction[k];
-    }
-    *truth = umbt_truth_of(setup->scene, setup->to_light, render->source.info.origin,
-                           &render->source.frustum);
-    truth->kind = render->kind;
-    truth->settings = render->settings;
-    truth->samples = render->samples;
-    truth->extent =
-        render->settings.light_extent > 0 ? render->settings.light_extent : light->extent;
-    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
-        truth->lamp = light;
-        truth->frusta = render->source.frusta;
-        truth->frustum_count = light->frustum_count;
-    }
-    UMB__TRY(truth_check(render, error));
+    setup->with_ground = render->with_ground;
+    umbt_direction_to(&lights->sources[0].light, setup->z_up, setup->to_light);
+    umbt_render_lights_set(lights, setup->scene, setup->z_up, render->kind, render->samples);
+    UMB__TRY(truths_check(render, error));
     UMB__TRY(umbt_setup_camera(setup, &render->common.camera, render->common.size, error));
+    if (render->with_ground) {
+        render->ground = umbt_ground_below(setup->scene, &setup->camera, setup->z_up);
+    }
+    UMB__TRY(umbt_picture_lights_weigh(setup, &render->ground, lights->numbers,
+                                       lights->sources[0].light_count, lights->lights,
+                                       lights->count, error));
     const double rows = (double)render->common.size[1] * render->aa;
-    return umb_filter_get_info(render->settings.filter)->has_footprints
-               ? umbt_shadow_source_look(&render->source, setup->camera.eye,
-                                         2.0 * setup->camera.tan_y / rows, error)
-               : UMB_OK;
+    const int has_footprints = umb_filter_get_info(render->settings.filter)->has_footprints;
+    for (uint32_t i = 0; i < lights->count && has_footprints; i++) {
+        UMB__TRY(umbt_shadow_source_look(&lights->sources[i], setup->camera.eye,
+                                         2.0 * setup->camera.tan_y / rows, error));
+    }
+    return UMB_OK;
 }
 
 static enum umb_status frame_make(struct render *render, struct umb_error *error)
 {
     const int from_rays = render->is_traced || render->compare;
+    struct umbt_render_lights *lights = &render->lights;
     if (render->fog_density > 0.0) {
-        UMB__TRY(umbt_fog_make(render->source.asset, render->settings.light, render->fog_density,
+        UMB__TRY(umbt_fog_make(lights->sources[0].asset, lights->numbers[0], render->fog_density,
                                &render->fog, error));
+    }
+    for (uint32_t i = 0; i < lights->count; i++) {
+        lights->lights[i].source = render->is_traced ? NULL : lights->lights[i].source;
+        lights->lights[i].truth = from_rays ? lights->lights[i].truth : NULL;
     }
     const struct umbt_picture_request request = {
         .setup = &render->setup,
         .size = {render->common.size[0], render->common.size[1]},
-        .source = render->is_traced ? NULL : &render->source,
-        .truth = from_rays ? &render->truth : NULL,
+        .lights = lights->lights,
+        .light_count = lights->count,
         .fog = render->fog_density > 0.0 ? &render->fog : NULL,
-        .lamp = render->truth.lamp,
+        .ground = render->ground,
         .aa = render->aa,
         .threads = render->common.threads,
         .difference = render->difference != NULL,
@@ -279,11 +292,7 @@ static void compare_text(FILE *to, const struct render *render)
             "  differing by more than 0.5: %.4f %%\n",
             TRUTHS[render->kind], result->facing, result->mean_difference, result->mean_lighter,
             result->mean_darker, 100.0 * result->over_half);
-    if (render->source.translucent) {
-        fprintf(to, "  translucent casters: not traced, %s\n",
-                render->source.asset != NULL ? "nor asked for" : "but in the daemon's answers");
-    }
-    if (render->source.asset != NULL) { /* a daemon gives too little data */
+    if (render->lights.sources[0].asset != NULL) { /* a daemon gives too little data */
         fprintf(to, "  without %" PRIu64 " windows that reach into closed solids: %.5f, %.4f %%\n",
                 result->undefined, result->mean_defined, 100.0 * result->over_half_defined);
     }
@@ -306,7 +315,7 @@ static void put_compared(struct umbu_json *json, const struct render *render)
                      {"over_half", result->over_half},
                      {"picture_difference", result->picture_difference},
                      {"false_shadow", result->false_shadow}, {"false_light", result->false_light});
-    if (render->source.asset != NULL) {
+    if (render->lights.sources[0].asset != NULL) {
         umbu_json_integer(json, "undefined", result->undefined);
         UMBU_JSON_VALUES(json, 9, {"mean_defined", result->mean_defined},
                          {"over_half_defined", result->over_half_defined});
@@ -321,7 +330,14 @@ static void report_text(FILE *to, const void *state)
     to = render->to_stdout ? stderr : to;
     fprintf(to, "%zu triangles, %ux%u pixels, %" PRIu64 " samples, %" PRIu64 " on the scene\n",
             render->common.scene.count, render->common.size[0], render->common.size[1],
-            result->samples, result->receivers);
+            result->samples, result->seen);
+    if (result->translucent > 0) {
+        fprintf(to, "%" PRIu64 " translucent surfaces before them\n", result->translucent);
+    }
+    if (render->lights.count > 1 || render->lights.left_out > 0) {
+        fprintf(to, "%u light%s drawn, %u left out\n", render->lights.count,
+                render->lights.count == 1 ? "" : "s", render->lights.left_out);
+    }
     fprintf(to, "camera eye=%.9g,%.9g,%.9g,target=%.9g,%.9g,%.9g,fov=%.6g\n", camera->eye[0],
             camera->eye[1], camera->eye[2], camera->eye[0] + camera->forward[0],
             camera->eye[1] + camera->forward[1], camera->eye[2] + camera->forward[2],
@@ -329,7 +345,9 @@ static void report_text(FILE *to, const void *state)
     fprintf(to, "load %.2f s, surfaces %.2f s", render->load_s, result->gbuffer_s);
     if (!render->is_traced) {
         fprintf(to, ", asset %.2f s (%.2f Mpoints/s)", result->query_s,
-                result->query_s > 0.0 ? 1e-6 * (double)result->receivers / result->query_s : 0.0);
+                result->query_s > 0.0
+                    ? 1e-6 * (double)result->receivers * render->lights.count / result->query_s
+                    : 0.0);
     }
     if (render->is_traced || render->compare) {
         fprintf(to, ", rays %.2f s", result->trace_s);
@@ -345,7 +363,7 @@ static void report_json(struct umbu_json *json, const void *state)
     const struct render *render = state;
     const struct umbt_picture_result *result = &render->result;
     char id[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(render->source.info.id, id);
+    umb_id_to_text(render->lights.sources[0].info.id, id);
     umbu_json_text(json, "asset", id);
     umbu_json_text(json, "scene", render->common.scene_path);
     if (render->common.output != NULL) {
@@ -353,11 +371,13 @@ static void report_json(struct umbu_json *json, const void *state)
     }
     UMBU_JSON_COUNTS(json, {"triangles", render->common.scene.count},
                      {"width", render->common.size[0]}, {"height", render->common.size[1]},
-                     {"samples", result->samples}, {"receivers", result->receivers},
-                     {"facing", result->facing}, {"taps", render->settings.taps},
-                     {"outside", result->stats.outside}, {"before", result->stats.before},
-                     {"behind", result->stats.behind}, {"facing_away", result->stats.facing_away},
-                     {"nodes", result->stats.nodes}, {"bricks", result->stats.bricks});
+                     {"samples", result->samples}, {"seen", result->seen},
+                     {"receivers", result->receivers}, {"translucent", result->translucent},
+                     {"lights", render->lights.count}, {"facing", result->facing},
+                     {"taps", render->settings.taps}, {"outside", result->stats.outside},
+                     {"before", result->stats.before}, {"behind", result->stats.behind},
+                     {"facing_away", result->stats.facing_away}, {"nodes", result->stats.nodes},
+                     {"bricks", result->stats.bricks});
     UMBU_JSON_VALUES(json, 6, {"load_s", render->load_s}, {"surface_s", result->gbuffer_s},
                      {"query_s", result->query_s}, {"trace_s", result->trace_s});
     if (render->compare) {
@@ -389,7 +409,7 @@ static void finish(void *state)
 {
     struct render *render = state;
     umbt_pictures_finish(&render->pictures);
-    umbt_shadow_source_close(&render->source);
+    umbt_render_lights_close(&render->lights);
 }
 
 const struct umbt_command umbt_render = {&COMMAND,    sizeof(struct render), render_run,

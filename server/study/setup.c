@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
+#include "study/frame_casters.h"
 #include "study/study_math.h"
 #include "tool/output.h"
 #include "tool/threads.h"
@@ -75,7 +76,12 @@ const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT] = {
 
 int umbt_is_z_up(const struct umbt_common *common)
 {
-    return common->up > 0 ? common->up == 2 : common->scene.scene->view.z_up;
+    const struct umbs_scene_view *view = &common->scene.scene->view;
+    const char *warning = umbs_scene_up_warning(view);
+    if (common->up == 0 && warning != NULL && !common->quiet) {
+        fprintf(stderr, "umbrage: warning: %s\n", warning);
+    }
+    return common->up > 0 ? common->up == 2 : view->z_up;
 }
 
 enum umb_status umbt_common_match(const struct umbt_common *common, const char *asset,
@@ -124,9 +130,16 @@ enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                   const struct umbt_camera_request *request, const uint32_t size[2],
                                   struct umb_error *error)
 {
-    const struct umbt_camera_subject subject =
+    const struct umbt_camera_subject whole =
         umbt_subject(setup->scene, setup->to_light, setup->z_up);
-    return umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
+    struct umbt_camera_subject subject;
+    double(*points)[3];
+    UMB__TRY(umbt_frame_casters(setup->scene, request, &whole, size, setup->with_ground, &subject,
+                                &points, error));
+    const enum umb_status status =
+        umbt_camera_make(request, &subject, size[0], size[1], &setup->camera, error);
+    free(points);
+    return status;
 }
 
 enum umb_status umbt_setup_open(struct umbt_common *common, struct umbt_setup *setup,

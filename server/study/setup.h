@@ -49,6 +49,7 @@ struct umbt_setup {
     struct umbt_camera camera;
     double to_light[3]; /* unit */
     int z_up;
+    int with_ground; /* 1: a fitted camera leaves room for shadows on a plane at the foot */
 };
 
 /* Rows that several commands have. */
@@ -63,7 +64,7 @@ struct umbt_setup {
         .otherwise = "80 degrees beside the sun, el=35, fov=35"
 #define UMBT_UP_ROW                                                                                \
     "up", "y|z", "the scene's up axis", UMBU_CHOICE("|y|z"), UMBT_AT(up),                          \
-        .otherwise = "by its format"
+        .otherwise = "as for umbrage bake"
 #define UMBT_SIZE_ROW(side_max, pixels)                                                            \
     "size", "WxH", "width and height of the view in pixels", UMBU_SIDES(side_max),                 \
         .high = 67108864, UMBT_AT(size), .standard = (pixels)
@@ -91,7 +92,8 @@ extern const struct umbu_option UMBT_SETUP_OPTIONS[UMBT_SETUP_COUNT];
         "the view", UMBT_SETUP_OPTIONS, UMBT_SETUP_COUNT, 0                                        \
     }
 
-/* Returns 1 if z is the up axis of the command's scene: by --up, else by the file. */
+/* Returns 1 if z is the up axis of the command's scene: by --up, else by the file. Warns if neither
+ * tells it; call it once. */
 int umbt_is_z_up(const struct umbt_common *common);
 
 /* Checks that an asset was baked from the command's scene, by equal content hashes, unless --force
@@ -110,8 +112,9 @@ int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 
-/* Makes the camera of a setup whose other fields are set. size: width and height in pixels. Fails:
- * the errors of umbt_camera_make. */
+/* Makes the camera of a setup whose other fields are set; a camera without eye= shows what casts
+ * (frame_casters.h). size: width and height in pixels. Fails: the errors of umbt_camera_make,
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_setup_camera(struct umbt_setup *setup,
                                               const struct umbt_camera_request *request,
                                               const uint32_t size[2], struct umb_error *error);

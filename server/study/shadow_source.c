@@ -28,12 +28,10 @@ int umbt_shadow_source_is_file(const char *argument)
            ends_with(argument, ".umbm") || stat(argument, &facts) == 0;
 }
 
-static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_error *error)
+/* Prepares the light of the settings in a file's asset. */
+static enum umb_status file_light(struct umbt_shadow_source *source, struct umb_error *error)
 {
-    UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
     UMB__TRY(umb_query_prepare(source->asset, &source->settings, &source->query, error));
-    umb_asset_get_info(source->asset, &source->info);
-    source->translucent = umbt_plan_has(source->info.plan, "transmittance");
     UMB__TRY(umb_asset_get_light(source->asset, source->settings.light, &source->light));
     const uint32_t count = source->light.frustum_count;
     source->frusta = calloc((size_t)count + 1, sizeof *source->frusta);
@@ -48,6 +46,15 @@ static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_e
     return UMB_OK;
 }
 
+static enum umb_status file_open(struct umbt_shadow_source *source, struct umb_error *error)
+{
+    UMB__TRY(umb_asset_open_file(source->name, NULL, &source->asset, error));
+    umb_asset_get_info(source->asset, &source->info);
+    source->light_count = source->info.light_count;
+    source->scene_flags = umbt_scene_flags_of(source->info.plan);
+    return file_light(source, error);
+}
+
 /* Returns the greatest number of points in a call; a server without a limit takes any number. */
 static size_t call_max(const struct umb_client_limits *limits)
 {
@@ -59,15 +66,11 @@ static size_t call_max(const struct umb_client_limits *limits)
     return most < SIZE_MAX ? (size_t)most : SIZE_MAX;
 }
 
-static enum umb_status daemon_open(struct umbt_shadow_source *source,
-                                   const struct umbu_session *daemon, struct umb_error *error)
+/* Describes the light of the settings in a daemon's asset. */
+static enum umb_status daemon_light(struct umbt_shadow_source *source, struct umb_error *error)
 {
-    struct umb_client_limits limits;
     struct umb_client_description *description = NULL;
     enum umb_status status = UMB_OK;
-    UMB__TRY(umbu_connect(daemon, &source->client, error));
-    UMB__TRY(umb_client_get_limits(source->client, &limits, error));
-    source->call_max = call_max(&limits);
     UMB__TRY(umb_client_describe(source->client, source->name, &description, NULL, error));
     if (source->settings.light >= description->light_count) {
         status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
@@ -76,10 +79,21 @@ static enum umb_status daemon_open(struct umbt_shadow_source *source,
         memcpy(source->info.id, description->asset.id, sizeof source->info.id);
         memcpy(source->info.scene_hash, description->scene_hash, sizeof source->info.scene_hash);
         source->light = description->lights[source->settings.light].info;
-        source->translucent = umbt_plan_has(description->plan, "transmittance");
+        source->light_count = description->light_count;
+        source->scene_flags = umbt_scene_flags_of(description->plan);
     }
     umb_free(description);
     return status;
+}
+
+static enum umb_status daemon_open(struct umbt_shadow_source *source,
+                                   const struct umbu_session *daemon, struct umb_error *error)
+{
+    struct umb_client_limits limits;
+    UMB__TRY(umbu_connect(daemon, &source->client, error));
+    UMB__TRY(umb_client_get_limits(source->client, &limits, error));
+    source->call_max = call_max(&limits);
+    return daemon_light(source, error);
 }
 
 enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source, const char *argument,
@@ -99,11 +113,29 @@ enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *source, const
     return status;
 }
 
+enum umb_status umbt_shadow_source_of_light(struct umbt_shadow_source *source,
+                                            const struct umbt_shadow_source *first, uint32_t light,
+                                            struct umb_error *error)
+{
+    *source = *first;
+    source->frusta = NULL;
+    source->is_borrowed = 1;
+    source->settings.light = light;
+    const enum umb_status status =
+        source->client != NULL ? daemon_light(source, error) : file_light(source, error);
+    if (status != UMB_OK) {
+        umbt_shadow_source_close(source);
+    }
+    return status;
+}
+
 void umbt_shadow_source_close(struct umbt_shadow_source *source)
 {
-    umb_asset_close(source->asset);
     free(source->frusta);
-    if (source->client != NULL) {
+    if (!source->is_borrowed) {
+        umb_asset_close(source->asset);
+    }
+    if (source->client != NULL && !source->is_borrowed) {
         umb_client_close(source->client);
     }
     memset(source, 0, sizeof *source);

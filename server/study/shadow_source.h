@@ -24,7 +24,9 @@ struct umbt_shadow_source {
     struct umb_light_info light;
     struct umb_frustum_info frustum; /* file: the light's first; daemon: zeroed */
     struct umb_frustum_info *frusta; /* file: all of the light's; daemon: NULL */
-    int translucent;                 /* 1: the asset was baked with the effect transmittance */
+    uint32_t light_count;            /* lights of the asset */
+    unsigned scene_flags;            /* of enum umbt_scene_flags, as the asset takes casters */
+    int is_borrowed;                 /* 1: asset and client are another source's */
 };
 
 /* 1 if the argument names a file by the rule above. */
@@ -42,6 +44,12 @@ UMB_CHECKED enum umb_status umbt_shadow_source_open(struct umbt_shadow_source *s
                                                     const struct umbu_session *daemon,
                                                     const struct umb_query_settings *settings,
                                                     struct umb_error *error);
+
+/* Opens the source of another light of the same asset. It borrows from `first`, which must last
+ * longer. Fails: E_NO_MEMORY, E_NOT_FOUND, and the errors of umb_query_prepare. */
+UMB_CHECKED enum umb_status umbt_shadow_source_of_light(struct umbt_shadow_source *source,
+                                                        const struct umbt_shadow_source *first,
+                                                        uint32_t light, struct umb_error *error);
 void umbt_shadow_source_close(struct umbt_shadow_source *source); /* a zeroed struct is allowed */
 
 /* Sets the footprint filter for pixels that subtend pixel_rad radians at an eye. Fails: the errors

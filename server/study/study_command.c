@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* `umbrage-study SCENE -o DIR`: what accuracy costs (study.h). */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -11,6 +12,7 @@
 #define RESOLUTION_FULL  16384
 #define POINTS_QUICK     12000
 #define POINTS_FULL      60000
+#define DEGREE           0.017453292519943295
 
 #define AT(field) UMBU_AT(struct umbt_study, options.field)
 
@@ -28,10 +30,17 @@ static const struct umbu_option OPTIONS[] = {
      "highest resolution in voxels a side, 512 to 262144; the study begins at 512 and doubles it",
      UMBU_COUNT(512, 262144), AT(max_resolution), .otherwise = "quick: 4096, else 16384"},
     {"sun", "AZ,EL", "azimuth and elevation of the sun in degrees, as umbrage-bake takes them",
-     UMBU_TEXT, AT(sun)},
-    {"light", "NAME", "name of the directional light in the scene file to study", UMBU_TEXT,
-     AT(light)},
-    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .otherwise = "by its format"},
+     UMBU_TEXT, AT(sun), .otherwise = "the file's first light, else 135,45"},
+    {"light", "NAME", "name of the light in the scene file to study", UMBU_TEXT, AT(light),
+     .excludes = "sun"},
+    {"point", "X,Y,Z", "a point light there, in metres, as umbrage-bake takes it", UMBU_TEXT,
+     AT(point), .excludes = "sun|light"},
+    {"spot", "X,Y,Z,DX,DY,DZ,DEGREES", "a spot light, as umbrage-bake takes it", UMBU_TEXT,
+     AT(spot), .excludes = "sun|light|point"},
+    {"light-size", "SIZE", "how large the light is, as umbrage-bake takes it: 0.53deg, 0.25m",
+     UMBU_TEXT, AT(light_size), .otherwise = "the light's own"},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("y|z"), AT(up),
+     .otherwise = "as for umbrage bake"},
     {"points", "N", "number of samples in each of the three sets, 1000 to 10000000",
      UMBU_COUNT(1000, 10000000), AT(points), .otherwise = "quick: 12000, else 60000"},
     {"truth", "N", "rays a side of the area truth, 2 to 32: N x N rays a sample", UMBU_COUNT(2, 32),
@@ -46,12 +55,12 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage study",
     .usage = "umbrage-study SCENE [-o DIR] [options]\n"
              "       umbrage study SCENE [-o DIR] [options]",
-    .summary = "Shows what accuracy costs: bakes the scene at many resolutions, open and closed,\n"
-               "asks each at several filter widths and coarse levels about the same points, and\n"
-               "compares errors, time and bytes with traced rays; and every shadow map of the\n"
-               "literature on one view. Writes DIR/report.html (one file, opens anywhere),\n"
-               "report.json, report.csv, pictures/ and assets/. Stopped and started again, it\n"
-               "goes on with the assets that are there.",
+    .summary = "Shows what accuracy costs: bakes one light of the scene at many resolutions, asks\n"
+               "each with several filters and coarse levels about the same points, and compares\n"
+               "errors, time and bytes with traced rays; under a sun also shadow maps, and every\n"
+               "technique of the literature on one view. Writes DIR/report.html (one file, opens\n"
+               "anywhere), report.json, report.csv, pictures/ and assets/. Stopped and started\n"
+               "again, it goes on with the assets that are there.",
     .notes = "Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no umbrage-bake, 73\n"
              "cannot create, 74 I/O, 75 temporary.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}},
@@ -87,46 +96,68 @@ static void options_complete(struct umbt_study *study)
     }
 }
 
-/* Draws the aliasing heat map of the same view, by the command `aliasing`. */
+/* Draws the aliasing heat map of the same view and light, by the command `aliasing`, which knows
+ * suns above the horizon. */
 static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *error)
 {
-    char path[UMBT_STUDY_PATH], threads[16];
+    char path[UMBT_STUDY_PATH], threads[16], sun[64];
     char *arguments[17] = {(char *)(uintptr_t) "aliasing"};
     int count = 1;
+    const double *to_light = study->points.to_light;
+    const double up = to_light[study->z_up ? 2 : 1];
+    if (study->points.lamp != NULL || !(up > 0.0)) {
+        return UMB_OK;
+    }
     UMB__TRY(umbt_study_path(study, "pictures/aliasing.png", path, error));
     (void)snprintf(threads, sizeof threads, "%u", study->common.threads);
-    const char *const words[][2] = {{"-o", path},
-                                    {"--size", "480x270"},
-                                    {"--threads", threads},
-                                    {"--resolution", "4096"},
-                                    {"--sun", study->options.sun},
-                                    {"--up", study->options.up}};
+    (void)snprintf(sun, sizeof sun, "%.15g,%.15g", umbt_compass_azimuth(to_light, study->z_up, 0.0),
+                   fmin(90.0, asin(fmin(up, 1.0)) / DEGREE));
+    const char *const words[][2] = {{"-o", path},           {"--size", "480x270"},
+                                    {"--threads", threads}, {"--resolution", "4096"},
+                                    {"--sun", sun},         {"--up", study->z_up ? "z" : "y"}};
     arguments[count++] = (char *)(uintptr_t)study->common.scene_path;
     arguments[count++] = (char *)(uintptr_t) "--quiet";
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
-        if (words[i][1] != NULL) {
-            arguments[count++] = (char *)(uintptr_t)words[i][0];
-            arguments[count++] = (char *)(uintptr_t)words[i][1];
-        }
+        arguments[count++] = (char *)(uintptr_t)words[i][0];
+        arguments[count++] = (char *)(uintptr_t)words[i][1];
     }
     return umbt_command_run(&umbt_aliasing, count, arguments) == 0
                ? UMB_OK
                : umb_fail(error, UMB_E_INTERNAL, "the aliasing heat map could not be drawn");
 }
 
+/* Loads the scene with translucent casters that let light through. */
+static enum umb_status scene_open(struct umbt_study *study, struct umb_error *error)
+{
+    UMB__TRY(
+        umbt_scene_init(&study->common.scene, study->common.scene_path, UMBT_SCENE_THROUGH, error));
+    study->common.up = study->options.up == NULL ? 0 : study->options.up[0] == 'z' ? 2 : 1;
+    study->z_up = umbt_is_z_up(&study->common);
+    return UMB_OK;
+}
+
+/* Loads the scene again if the plan of the bakes takes translucent casters as opaque. */
+static enum umb_status scene_match(struct umbt_study *study, struct umb_error *error)
+{
+    const int translucent = study->common.scene.casts.cuts.translucent.triangles > 0;
+    if (!translucent || umbt_plan_has(study->bakes[0].info.plan, "transmittance")) {
+        study->translucent = translucent;
+        return UMB_OK;
+    }
+    umbt_scene_finish(&study->common.scene);
+    return umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error);
+}
+
 static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
                                  struct umb_error *error)
 {
     static enum umb_status (*const steps[])(struct umbt_study *, struct umb_error *) = {
-        umbt_study_bake_all, umbt_study_points_make, umbt_study_measure,
-        umbt_study_pictures, umbt_study_techniques,  heat_draw};
+        scene_open,         umbt_study_bake_all, scene_match,           umbt_study_points_make,
+        umbt_study_measure, umbt_study_pictures, umbt_study_techniques, heat_draw};
     struct umbt_study *study = state;
     const double start = umbu_clock_s();
     (void)parsed;
     options_complete(study);
-    UMB__TRY(umbt_scene_init(&study->common.scene, study->common.scene_path, 0, error));
-    study->z_up = study->options.up != NULL ? study->options.up[0] == 'z'
-                                            : study->common.scene.scene->view.z_up;
     for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
         UMB__TRY(steps[i](study, error));
     }
@@ -137,7 +168,7 @@ static enum umb_status study_run(void *state, const struct umbu_parsed *parsed,
 static void report_text(FILE *to, const void *state)
 {
     const struct umbt_study *study = state;
-    char summary[4096];
+    char summary[16384];
     umbt_study_summary(study, summary, sizeof summary);
     fprintf(to, "%s%s/report.html\n", summary, study->common.output);
 }

@@ -55,27 +55,25 @@ static inline int umbt_compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-#define UMBT_SPREAD_MAX 0.15 /* a time with a larger spread is measured again, or not reported */
+#define UMBT_SPREAD_STEADY 0.03 /* a time with a larger spread is measured again */
+#define UMBT_SPREAD_MAX    0.15 /* a time with a larger spread is marked as unsteady */
+#define UMBT_LEAST_RUNS    3    /* runs that decide the spread */
 
-/* A time, by the median of several runs. */
+/*
+ * A time by the least of several runs. Interrupts, a neighbour on the core and cold caches only add
+ * to the CPU time of equal work, so the least run is the nearest to the truth.
+ */
 struct umbt_time {
     double ns;
-    double spread; /* (largest - least) / median */
+    double spread; /* (third least - least) / least: how well the least is confirmed */
 };
 
-/* Sorts times of equal runs and returns their median. The outermost run on each side does not count
- * in the spread, because it is attributed to the machine. In: count: odd, at least 5. */
-static inline struct umbt_time umbt_median(double *ns, size_t count)
+/* Sorts times of equal runs and returns their least. In: count: at least UMBT_LEAST_RUNS. */
+static inline struct umbt_time umbt_least(double *ns, size_t count)
 {
     qsort(ns, count, sizeof *ns, umbt_compare_doubles);
-    const double middle = ns[count / 2];
-    return (struct umbt_time){middle, middle > 0.0 ? (ns[count - 2] - ns[1]) / middle : 0.0};
-}
-
-/* Returns the time for a report: NaN if its runs differ too much. */
-static inline double umbt_time_told(struct umbt_time time)
-{
-    return time.spread <= UMBT_SPREAD_MAX ? time.ns : (double)NAN;
+    const double spread = ns[0] > 0.0 ? (ns[UMBT_LEAST_RUNS - 1] - ns[0]) / ns[0] : 0.0;
+    return (struct umbt_time){ns[0], spread};
 }
 
 #endif

@@ -23,6 +23,7 @@
 /* Widths of filters, in full and --quick; 0 ends the list. */
 static const uint32_t widths[2][6] = {{1, 3, 5, 9, 17}, {1, 3, 9}};
 static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
+#define WIDE_TAPS 9                      /* window of tents */
 
 /*
  * The truth of a footprint, traced once. All settings with the same frustum and filter share this
@@ -30,9 +31,9 @@ static const uint32_t levels[] = {3, 5}; /* coarse rows, of one tap */
  */
 struct traced {
     const struct umbt_study_points *points;
-    struct umbt_truth rays; /* parameters of the rays; `closed` does not matter */
-    float *values;          /* [surface samples] */
-    double error;           /* estimated RMS error, against twice the rays a side */
+    struct umbt_study_truth truth; /* parameters of the rays; `closed` does not matter */
+    float *values;                 /* [surface samples] */
+    double error;                  /* estimated RMS error, against twice the rays a side */
 };
 
 struct truths {
@@ -45,7 +46,7 @@ struct judging {
     const struct umbt_probe *probe;
     const float *area;
     float *answers;     /* [points] */
-    float *wrong;       /* [points], scratch */
+    float *off;         /* [points], scratch */
     uint8_t *undefined; /* [points] */
     struct umbt_peers peers;
     struct truths truths;
@@ -54,17 +55,18 @@ struct judging {
 
 /* ---- truths ---- */
 
-static float trace(const struct umbt_truth *truth, const struct umbt_study_points *points, size_t i)
+static float trace(const struct umbt_study_truth *truth, const struct umbt_study_points *points,
+                   size_t i)
 {
     double normal[3];
     umbt_study_normal(points, i, normal);
-    return umbt_truth_visibility(truth, points->positions[i], normal);
+    return umbt_study_truth_visibility(truth, points->positions[i], normal);
 }
 
 static void trace_item(void *user, size_t i)
 {
     const struct traced *traced = user;
-    traced->values[i] = trace(&traced->rays, traced->points, i);
+    traced->values[i] = trace(&traced->truth, traced->points, i);
 }
 
 /* Estimates the error of a truth by a second truth with twice the rays a side. */
@@ -72,9 +74,9 @@ static double own_error(const struct traced *traced)
 {
     const size_t surface = traced->points->first[UMBT_STUDY_FREE];
     const size_t step = surface > CHECKED ? surface / CHECKED : 1;
-    struct umbt_truth finer = traced->rays;
+    struct umbt_study_truth finer = traced->truth;
     double sum = 0.0, count = 0.0;
-    finer.samples *= 2;
+    finer.rays.samples *= 2;
     for (size_t i = 0; i < surface; i += step) {
         const double difference =
             (double)trace(&finer, traced->points, i) - (double)traced->values[i];
@@ -84,30 +86,20 @@ static double own_error(const struct traced *traced)
     return count > 0.0 ? sqrt(sum / count) : 0.0;
 }
 
-static int is_same(const struct umbt_truth *a, const struct umbt_truth *b)
-{
-    return a->kind == b->kind && a->settings.taps == b->settings.taps &&
-           memcmp(a->frustum.world_to_voxel, b->frustum.world_to_voxel,
-                  sizeof a->frustum.world_to_voxel) == 0 &&
-           memcmp(a->frustum.voxel_step, b->frustum.voxel_step, sizeof a->frustum.voxel_step) ==
-               0 &&
-           memcmp(a->origin, b->origin, sizeof a->origin) == 0;
-}
-
 /* Gets the truth of a probe's footprint, which is traced on first use. Fails: E_NO_MEMORY. */
 static enum umb_status truth_get(struct truths *truths, const struct umbt_probe *probe,
                                  const struct traced **truth, struct umb_error *error)
 {
     const size_t surface = probe->study->points.first[UMBT_STUDY_FREE];
     for (uint32_t i = 0; i < truths->count; i++) {
-        if (is_same(&truths->list[i].rays, &probe->truth)) {
+        if (umbt_study_truth_is_same(&truths->list[i].truth, &probe->truth)) {
             *truth = &truths->list[i];
             return UMB_OK;
         }
     }
     struct traced *made = &truths->list[truths->count]; /* one a setting at most */
     made->points = &probe->study->points;
-    made->rays = probe->truth;
+    made->truth = probe->truth;
     made->values = malloc((surface + 1) * sizeof *made->values);
     if (made->values == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "the truth of %zu samples does not fit in memory",
@@ -123,81 +115,15 @@ static enum umb_status truth_get(struct truths *truths, const struct umbt_probe 
 
 /* ---- errors ---- */
 
-static int compare_floats(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result *result)
-{
-    static const double limits[3] = {0.01, 0.1, 0.5};
-    double squares = 0.0, counts[3] = {0.0, 0.0, 0.0};
-    for (size_t i = 0; i < judged->count; i++) {
-        if (judged->undefined[i]) {
-            result->undefined++;
-            continue;
-        }
-        const double difference = fabs((double)judged->answers[i] - (double)judged->area[i]);
-        result->judged++;
-        squares += difference * difference;
-        result->worst = difference > result->worst ? difference : result->worst;
-        for (int k = 0; k < 3; k++) {
-            counts[k] += difference > limits[k] ? 1.0 : 0.0;
-        }
-    }
-    const double count = result->judged > 0 ? (double)result->judged : 1.0;
-    result->rms = sqrt(squares / count);
-    result->over_001 = counts[0] / count;
-    result->over_01 = counts[1] / count;
-    result->over_05 = counts[2] / count;
-}
-
-static void distances_conclude(float *wrong, size_t wrongs, struct umbt_study_result *result)
-{
-    qsort(wrong, wrongs, sizeof *wrong, compare_floats);
-    result->off_p50_m = (double)wrong[wrongs / 2];
-    result->off_p95_m = (double)wrong[wrongs - 1 - wrongs / 20];
-    result->off_max_m = (double)wrong[wrongs - 1];
-}
-
-void umbt_errors_edges(const struct umbt_judged *judged, float *wrong,
-                       struct umbt_study_result *result)
-{
-    size_t light = 0, shadow = 0, undecided = 0, wrongs = 0, unknown = 0;
-    for (size_t i = 0; i < judged->count; i++) {
-        const int says_lit = judged->answers[i] > 0.5F, says_shadowed = judged->answers[i] < 0.5F;
-        if (judged->undefined[i] || (judged->lit[i] ? says_lit : says_shadowed)) {
-            continue;
-        }
-        light += (size_t)says_lit;
-        shadow += (size_t)says_shadowed;
-        undecided += !says_lit && !says_shadowed;
-        if (isfinite(judged->boundary_m[i])) {
-            wrong[wrongs++] = judged->boundary_m[i];
-        } else {
-            unknown++;
-        }
-    }
-    const double count = result->judged > 0 ? (double)result->judged : 1.0;
-    result->false_light = (double)light / count;
-    result->false_shadow = (double)shadow / count;
-    result->undecided = (double)undecided / count;
-    result->off_unknown = wrongs + unknown > 0 ? (double)unknown / (double)(wrongs + unknown) : 0.0;
-    if (wrongs > 0) {
-        distances_conclude(wrong, wrongs, result);
-    }
-}
-
 static void undefined_item(void *user, size_t i)
 {
     struct judging *judging = user;
     const struct umbt_study_points *points = &judging->probe->study->points;
     double normal[3];
     umbt_study_normal(points, i, normal);
-    judging->undefined[i] =
-        (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
-                  umbt_truth_is_undefined(&judging->probe->truth, points->positions[i], normal));
+    judging->undefined[i] = (uint8_t)(fabsf(judging->answers[i] - judging->area[i]) > JUDGED_M &&
+                                      umbt_study_truth_is_undefined(&judging->probe->truth,
+                                                                    points->positions[i], normal));
 }
 
 /* Counts what an asset reads for a point of the view. */
@@ -228,10 +154,17 @@ static enum umb_status errors_find(struct judging *judging, const struct umbt_pr
     judging->area = truth->values;
     UMB__TRY(umbu_range_each(probe->study->common.threads, surface, BLOCK, undefined_item, judging,
                              error));
-    const struct umbt_judged judged = {surface,     judging->answers,   judging->area,
-                                       points->lit, points->boundary_m, judging->undefined};
+    const struct umbt_judged judged = {.count = surface,
+                                       .border = points->first[UMBT_STUDY_BORDER],
+                                       .reach_m = points->reach_m,
+                                       .answers = judging->answers,
+                                       .area = judging->area,
+                                       .sharp =
+                                           probe->peer != NULL ? points->opaque : points->sharp,
+                                       .boundary_m = points->boundary_m,
+                                       .undefined = judging->undefined};
     umbt_errors_area(&judged, probe->result);
-    umbt_errors_edges(&judged, judging->wrong, probe->result);
+    umbt_errors_edges(&judged, judging->off, probe->result);
     probe->result->truth_error = truth->error;
     return UMB_OK;
 }
@@ -245,26 +178,42 @@ static void add_setting(struct umbt_study *study, const struct umbt_study_result
     }
 }
 
+/* Adds a setting of an asset, if the asset supports it. */
+static void add_supported(struct umbt_study *study, struct umbt_study_result setting)
+{
+    const struct umb_query_settings settings = umbt_study_settings(study, &setting);
+    struct umb_query ignored;
+    setting.name = umbt_study_method_names[setting.method];
+    if (umb_query_prepare(study->bakes[setting.bake].asset, &settings, &ignored, NULL) == UMB_OK) {
+        add_setting(study, &setting);
+    }
+}
+
 static void list_asset(struct umbt_study *study, uint32_t b, const uint32_t *taps)
 {
     const struct umbt_study_bake *bake = &study->bakes[b];
-    struct umbt_study_result setting = {.name = "dag", .bake = b, .bytes = bake->info.memory_bytes};
+    struct umbt_study_result setting = {.bake = b, .bytes = bake->info.memory_bytes};
     for (; *taps > 0; taps++) {
         setting.taps = *taps;
-        add_setting(study, &setting);
+        add_supported(study, setting);
     }
     setting.taps = 1;
     for (size_t l = 0; l < sizeof levels / sizeof *levels; l++) {
         setting.level = levels[l];
-        if (levels[l] <= umb_level_max(bake->frustum.log2_size)) {
-            add_setting(study, &setting);
+        if (levels[l] <= umb_level_max(umbt_study_frustum(bake)->log2_size)) {
+            add_supported(study, setting);
         }
     }
-    if (!bake->frustum.closed && bake->light.extent > 0.0) {
-        setting.level = 0;
+    setting.level = 0;
+    setting.method = UMBT_STUDY_FOOTPRINT;
+    add_supported(study, setting);
+    setting.method = UMBT_STUDY_TENT;
+    setting.taps = WIDE_TAPS;
+    add_supported(study, setting);
+    if (!umbt_study_is_closed(bake) && bake->light.extent > 0.0) {
         setting.method = UMBT_STUDY_PENUMBRA;
-        setting.name = "penumbra";
-        add_setting(study, &setting);
+        setting.taps = 1;
+        add_supported(study, setting);
     }
 }
 
@@ -332,9 +281,9 @@ static enum umb_status settings_judge(struct umbt_study *study, struct judging *
     struct umbu_progress progress;
     enum umb_status status = UMB_OK;
     judging->answers = calloc(points.count, sizeof *judging->answers);
-    judging->wrong = calloc(points.count, sizeof *judging->wrong);
+    judging->off = calloc(points.count, sizeof *judging->off);
     judging->undefined = calloc(points.count, 1);
-    if (judging->answers == NULL || judging->wrong == NULL || judging->undefined == NULL) {
+    if (judging->answers == NULL || judging->off == NULL || judging->undefined == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu samples do not fit in memory", points.count);
     }
     UMB__TRY(umb_points_check(&points, error));
@@ -367,7 +316,7 @@ enum umb_status umbt_study_measure(struct umbt_study *study, struct umb_error *e
         free(judging->truths.list[i].values);
     }
     free(judging->answers);
-    free(judging->wrong);
+    free(judging->off);
     free(judging->undefined);
     free(judging);
     return status;

@@ -8,8 +8,8 @@
 #include <string.h>
 #include "base/try.h"
 #include "tool/threads.h"
-#include "study/gbuffer.h"
 #include "study/study_math.h"
+#include "study/surface.h"
 #include "tool/clock.h"
 #include "tool/progress.h"
 
@@ -36,13 +36,22 @@ enum {
     SUMS
 };
 
+/* What a receiver has got of all lights so far. */
+struct received {
+    float asset[3], traced[3];
+    float difference; /* of the visibilities, asset - traced */
+};
+
 struct frame {
     const struct umbt_picture_request *request;
     struct umbt_pictures *pictures;
     struct umbt_picture_result *result;
     struct umbt_gbuffer buffer;
-    float *answers; /* [capacity] of the asset */
-    float *truths;  /* [capacity] of the rays */
+    const struct umbt_picture_light *light; /* the light of the stage that runs */
+    size_t room;                            /* size of the next arrays */
+    float *answers;                         /* of the asset, for one light */
+    float *truths;                          /* of the rays, for one light */
+    struct received *received;
     struct umbu_progress progress;
     pthread_mutex_t mutex; /* guards result->stats and the sums while blocks run */
     uint64_t picture_sum;  /* sum of |asset - traced| over 8-bit channels */
@@ -107,7 +116,7 @@ static enum umb_status block_query(void *user, size_t first, size_t count, struc
     struct umb_query_stats stats = {0};
     const struct umb_points points =
         umbt_points_at(frame->buffer.positions[first], frame->buffer.normals[first], count);
-    const enum umb_status status = umbt_shadow_source_answer(frame->request->source, &points,
+    const enum umb_status status = umbt_shadow_source_answer(frame->light->source, &points,
                                                              frame->answers + first, &stats, error);
     pthread_mutex_lock(&frame->mutex);
     umb_query_stats_add(&frame->result->stats, &stats);
@@ -123,34 +132,27 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
         double normal[3];
         umbt_widen(frame->buffer.normals[i], normal);
         frame->truths[i] =
-            umbt_truth_visibility(frame->request->truth, frame->buffer.positions[i], normal);
+            umbt_truth_visibility(frame->light->truth, frame->buffer.positions[i], normal);
     }
     return UMB_OK;
 }
 
-static double receiver_cosine(const struct frame *frame, size_t slot, const double normal[3])
-{
-    const struct umbt_picture_request *request = frame->request;
-    double towards[3];
-    (void)umbt_towards_light(request->lamp, request->setup->to_light, frame->buffer.positions[slot],
-                             towards);
-    return umb__dot(normal, towards);
-}
-
 /* Returns the largest error of a truth's share. An edge through s x s rays can put up to s rays on
- * the wrong side. Kinds without a window of rays are exact. */
+ * the wrong side. Kinds without a window of rays are exact. An asset ends the list of translucent
+ * casters where less than 0.001 of the light is left. */
 static double truth_error(const struct umbt_truth *truth)
 {
-    return truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
-               ? 1.0 / (double)truth->samples
-               : 0.0;
+    return (truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
+                ? 1.0 / (double)truth->samples
+                : 0.0) +
+           (truth->layers != NULL ? 0.001 : 0.0);
 }
 
 /* Adds the difference of receiver i, which faces the light. */
 static void difference_add(const struct frame *frame, size_t i, const double normal[3], int judged,
                            uint64_t sums[SUMS])
 {
-    const struct umbt_truth *truth = frame->request->truth;
+    const struct umbt_truth *truth = frame->light->truth;
     const double answer = (double)frame->answers[i], traced = (double)frame->truths[i];
     const double difference = answer - traced;
     if (difference == 0.0) {
@@ -170,23 +172,45 @@ static void difference_add(const struct frame *frame, size_t i, const double nor
     sums[FALSE_LIGHT] += judged && answer > 0.5 && traced < 0.5 - truth_error(truth);
 }
 
+/* Adds what receiver i gets of the light. */
+static void receiver_light(struct frame *frame, size_t i)
+{
+    const struct umbt_picture_light *light = frame->light;
+    struct received *received = &frame->received[i];
+    struct umbt_surface surface;
+    double share;
+    umbt_receiver_surface(frame->request->setup->scene, &frame->buffer, i, &surface);
+    const double cosine =
+        umbt_picture_light_at(light, frame->buffer.positions[i], surface.normal, &share);
+    const float asset = light->source != NULL ? frame->answers[i] : 0.0F;
+    const float traced = light->truth != NULL ? frame->truths[i] : 0.0F;
+    for (int k = 0; k < 3; k++) {
+        const double power = light->power[k] * share * fmax(cosine, 0.0);
+        received->asset[k] += (float)(power * (double)asset);
+        received->traced[k] += (float)(power * (double)traced);
+    }
+    received->difference += asset - traced;
+}
+
 static enum umb_status block_compare(void *user, size_t first, size_t count,
                                      struct umb_error *error)
 {
     struct frame *frame = user;
-    const int both = frame->request->source != NULL && frame->request->truth != NULL;
+    const int both = frame->light->source != NULL && frame->light->truth != NULL;
     uint64_t sums[SUMS] = {0};
     (void)error;
     for (size_t i = first; i < first + count; i++) {
-        double normal[3];
+        double normal[3], share;
         umbt_widen(frame->buffer.normals[i], normal);
-        const double facing = receiver_cosine(frame, i, normal);
+        const double facing =
+            umbt_picture_light_at(frame->light, frame->buffer.positions[i], normal, &share);
         const int judged = facing > UMBT_JUDGED_FACING;
         sums[FACING] += facing > 0.0;
         sums[JUDGED] += (uint64_t)judged;
         if (both && facing > 0.0) {
             difference_add(frame, i, normal, judged, sums);
         }
+        receiver_light(frame, i);
     }
     pthread_mutex_lock(&frame->mutex);
     for (int i = 0; i < SUMS; i++) {
@@ -194,17 +218,6 @@ static enum umb_status block_compare(void *user, size_t first, size_t count,
     }
     pthread_mutex_unlock(&frame->mutex);
     return UMB_OK;
-}
-
-static struct umbt_rgb receiver_shade(const struct frame *frame, uint32_t slot, float visibility)
-{
-    const struct umbt_picture_request *request = frame->request;
-    double normal[3];
-    umbt_widen(frame->buffer.normals[slot], normal);
-    const uint32_t key =
-        umbt_scene_surface_key(request->setup->scene, frame->buffer.triangles[slot]);
-    return umbt_shade(umbt_surface_color(key), (double)visibility,
-                      receiver_cosine(frame, slot, normal), normal[request->setup->z_up ? 2 : 1]);
 }
 
 static void pixel_direction(const struct frame *frame, size_t pixel, double direction[3])
@@ -234,24 +247,97 @@ static struct umbt_rgb fog_shade(const struct frame *frame, size_t pixel, uint32
     return umbt_fog_shade(color, through, lit);
 }
 
-/* The pixel's colour with one set of answers, 8-bit sRGB. */
-static void pixel_shade(const struct frame *frame, size_t pixel, const float *visibility,
-                        struct umbt_rgb sky, uint8_t out[3])
+/* The colour that a receiver, or the sky, sends to the eye. */
+static struct umbt_rgb receiver_shade(const struct frame *frame, size_t pixel, uint32_t slot,
+                                      int traced, struct umbt_rgb sky)
 {
+    const struct umbt_setup *setup = frame->request->setup;
+    struct umbt_surface surface;
+    double light[3];
+    if (slot == UMBT_SKY) {
+        return fog_shade(frame, pixel, slot, sky);
+    }
+    umbt_receiver_surface(setup->scene, &frame->buffer, slot, &surface);
+    umbt_widen(traced ? frame->received[slot].traced : frame->received[slot].asset, light);
+    struct umbt_rgb color =
+        umbt_shade_light(surface.color, light, surface.normal[setup->z_up ? 2 : 1]);
+    if (frame->buffer.triangles[slot] == UMBT_GROUND) {
+        color = umbt_ground_fade(&frame->buffer.ground, setup->camera.eye,
+                                 frame->buffer.positions[slot], color, sky);
+    }
+    return fog_shade(frame, pixel, slot, color);
+}
+
+/* The colour of a sub-sample: its receivers over one another, up to the opaque one or the sky. */
+static struct umbt_rgb sample_shade(const struct frame *frame, size_t pixel, uint32_t slot,
+                                    int traced, struct umbt_rgb sky)
+{
+    struct umbt_rgb sum = {{0.0, 0.0, 0.0}};
+    double left = 1.0;
+    for (;;) {
+        const struct umbt_rgb color = receiver_shade(frame, pixel, slot, traced, sky);
+        const double opacity = slot == UMBT_SKY ? 1.0 : umbt_gbuffer_opacity(&frame->buffer, slot);
+        for (int c = 0; c < 3; c++) {
+            sum.c[c] += left * opacity * color.c[c];
+        }
+        if (slot == UMBT_SKY || !(opacity < 1.0)) {
+            return sum;
+        }
+        left *= 1.0 - opacity;
+        slot = umbt_gbuffer_behind(&frame->buffer, slot);
+    }
+}
+
+/* Returns 1 if a pixel may be part of a slow gradient, which is dithered against bands. Flat facets
+ * under parallel light are not. */
+static int is_gradient(const struct frame *frame, size_t pixel)
+{
+    const struct umbt_picture_request *request = frame->request;
     const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa;
+    int found = request->fog != NULL || request->setup->scene->normals != NULL;
+    for (uint32_t i = 0; i < request->light_count; i++) {
+        found |= request->lights[i].lamp != NULL;
+    }
+    for (uint32_t k = 0; k < per_pixel && !found; k++) {
+        const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
+        found = slot == UMBT_SKY || frame->buffer.triangles[slot] == UMBT_GROUND ||
+                slot >= frame->buffer.first_layer;
+    }
+    return found;
+}
+
+/* The pixel's colour of the asset or of the rays, 8-bit sRGB. */
+static void pixel_shade(const struct frame *frame, size_t pixel, int traced, struct umbt_rgb sky,
+                        uint8_t out[3])
+{
+    const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa, width = frame->buffer.width;
+    const uint32_t row = frame->buffer.first_row + (uint32_t)(pixel / width);
+    const double threshold =
+        is_gradient(frame, pixel) ? umbt_dither((uint32_t)(pixel % width), row) : 0.5;
     double sum[3] = {0.0, 0.0, 0.0};
     for (uint32_t k = 0; k < per_pixel; k++) {
         const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
-        const struct umbt_rgb clear =
-            slot == UMBT_SKY ? sky : receiver_shade(frame, slot, visibility[slot]);
-        const struct umbt_rgb color = fog_shade(frame, pixel, slot, clear);
+        const struct umbt_rgb color = sample_shade(frame, pixel, slot, traced, sky);
         for (int c = 0; c < 3; c++) {
             sum[c] += umbt_shoulder(color.c[c]);
         }
     }
     for (int c = 0; c < 3; c++) {
-        out[c] = umbt_srgb8(sum[c] / (double)per_pixel);
+        out[c] = umbt_srgb8_dithered(sum[c] / (double)per_pixel, threshold);
     }
+}
+
+/* Difference of the visibilities that a sub-sample shows, of all lights together. */
+static double sample_difference(const struct frame *frame, uint32_t slot)
+{
+    double sum = 0.0, left = 1.0;
+    while (slot != UMBT_SKY) {
+        const double opacity = umbt_gbuffer_opacity(&frame->buffer, slot);
+        sum += left * opacity * (double)frame->received[slot].difference;
+        left *= 1.0 - opacity;
+        slot = umbt_gbuffer_behind(&frame->buffer, slot);
+    }
+    return sum;
 }
 
 /* Colours the differences over a pale grey picture: red where the asset is lighter, blue where
@@ -262,10 +348,7 @@ static void pixel_difference(const struct frame *frame, size_t pixel, const uint
     const uint32_t per_pixel = frame->buffer.aa * frame->buffer.aa;
     double difference = 0.0;
     for (uint32_t k = 0; k < per_pixel; k++) {
-        const uint32_t slot = frame->buffer.slots[pixel * per_pixel + k];
-        if (slot != UMBT_SKY) {
-            difference += (double)frame->answers[slot] - (double)frame->truths[slot];
-        }
+        difference += sample_difference(frame, frame->buffer.slots[pixel * per_pixel + k]);
     }
     difference =
         fmin(1.0, 2.0 * fabs(difference / (double)per_pixel)) * (difference < 0.0 ? -1.0 : 1.0);
@@ -280,10 +363,10 @@ static void pixel_finish(struct frame *frame, size_t pixel, uint8_t asset[3], ui
 {
     const struct umbt_picture_request *request = frame->request;
     const size_t at = 3 * ((size_t)frame->buffer.first_row * frame->buffer.width + pixel);
-    if (request->source != NULL) {
+    if (request->lights[0].source != NULL) {
         memcpy(&frame->pictures->asset.pixels[at], asset, 3);
     }
-    if (request->truth != NULL) {
+    if (request->lights[0].truth != NULL) {
         memcpy(&frame->pictures->traced.pixels[at], traced, 3);
     }
     if (request->difference) {
@@ -308,11 +391,11 @@ static enum umb_status block_shade(void *user, size_t first, size_t count, struc
     for (size_t pixel = first; pixel < first + count; pixel++) {
         uint8_t asset[3] = {0, 0, 0}, traced[3] = {0, 0, 0};
         const struct umbt_rgb sky = pixel_sky(frame, pixel);
-        if (request->source != NULL) {
-            pixel_shade(frame, pixel, frame->answers, sky, asset);
+        if (request->lights[0].source != NULL) {
+            pixel_shade(frame, pixel, 0, sky, asset);
         }
-        if (request->truth != NULL) {
-            pixel_shade(frame, pixel, frame->truths, sky, traced);
+        if (request->lights[0].truth != NULL) {
+            pixel_shade(frame, pixel, 1, sky, traced);
         }
         for (int c = 0; c < 3; c++) {
             sum += (uint64_t)abs((int)asset[c] - (int)traced[c]);
@@ -335,6 +418,41 @@ static enum umb_status stage_run(struct frame *frame, size_t count, size_t block
     return status;
 }
 
+/* Makes the arrays of receivers as long as the band needs, and clears what they have received. */
+static enum umb_status room_make(struct frame *frame, struct umb_error *error)
+{
+    const size_t receivers = frame->buffer.receiver_count;
+    if (receivers > frame->room || frame->received == NULL) {
+        free(frame->answers);
+        free(frame->truths);
+        free(frame->received);
+        frame->room = receivers > frame->buffer.capacity ? receivers : frame->buffer.capacity;
+        frame->answers = calloc(frame->room, sizeof *frame->answers);
+        frame->truths = calloc(frame->room, sizeof *frame->truths);
+        frame->received = calloc(frame->room, sizeof *frame->received);
+        if (frame->answers == NULL || frame->truths == NULL || frame->received == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "%zu answers do not fit in memory",
+                            frame->room);
+        }
+    }
+    memset(frame->received, 0, receivers * sizeof *frame->received);
+    return UMB_OK;
+}
+
+/* Asks for, traces and adds up one light. */
+static enum umb_status light_render(struct frame *frame, struct umb_error *error)
+{
+    struct umbt_picture_result *result = frame->result;
+    const size_t receivers = frame->buffer.receiver_count;
+    if (frame->light->source != NULL) {
+        UMB__TRY(stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error));
+    }
+    if (frame->light->truth != NULL) {
+        UMB__TRY(stage_run(frame, receivers, TRACE_BLOCK, block_trace, &result->trace_s, error));
+    }
+    return stage_run(frame, receivers, TRACE_BLOCK, block_compare, &result->compare_s, error);
+}
+
 static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint32_t row_count,
                                    struct umb_error *error)
 {
@@ -344,16 +462,15 @@ static enum umb_status band_render(struct frame *frame, uint32_t first_row, uint
     const double start = umbu_clock_s();
     UMB__TRY(umbt_gbuffer_fill(&frame->buffer, request->setup->scene, &request->setup->camera,
                                request->size[1], first_row, row_count, request->threads, error));
+    UMB__TRY(room_make(frame, error));
     result->gbuffer_s += umbu_clock_s() - start;
-    const size_t receivers = frame->buffer.receiver_count;
-    if (request->source != NULL) {
-        UMB__TRY(stage_run(frame, receivers, QUERY_BLOCK, block_query, &result->query_s, error));
+    result->seen += frame->buffer.seen_count;
+    result->receivers += frame->buffer.receiver_count;
+    result->translucent += frame->buffer.receiver_count - frame->buffer.first_layer;
+    for (uint32_t i = 0; i < request->light_count; i++) {
+        frame->light = &request->lights[i];
+        UMB__TRY(light_render(frame, error));
     }
-    if (request->truth != NULL) {
-        UMB__TRY(stage_run(frame, receivers, TRACE_BLOCK, block_trace, &result->trace_s, error));
-    }
-    result->receivers += receivers;
-    UMB__TRY(stage_run(frame, receivers, TRACE_BLOCK, block_compare, &result->compare_s, error));
     return stage_run(frame, (size_t)frame->buffer.width * row_count, 4096, block_shade, &shade_s,
                      error);
 }
@@ -365,7 +482,7 @@ static void result_finish(struct frame *frame)
     const double facing = sums[FACING] > 0 ? (double)sums[FACING] : 1.0;
     const double judged = sums[JUDGED] > 0 ? (double)sums[JUDGED] : 1.0;
     result->facing = sums[FACING];
-    if (frame->request->source == NULL || frame->request->truth == NULL) {
+    if (frame->request->lights[0].source == NULL || frame->request->lights[0].truth == NULL) {
         return;
     }
     result->mean_lighter = (double)sums[LIGHTER] / (FIXED_ONE * facing);
@@ -389,22 +506,28 @@ static enum umb_status frame_init(struct frame *frame, uint32_t rows, struct umb
     const struct {
         int wanted;
         struct umbt_picture *picture;
-    } pictures[] = {{request->source != NULL, &frame->pictures->asset},
-                    {request->truth != NULL, &frame->pictures->traced},
+    } pictures[] = {{request->lights[0].source != NULL, &frame->pictures->asset},
+                    {request->lights[0].truth != NULL, &frame->pictures->traced},
                     {request->difference, &frame->pictures->difference}};
     for (size_t i = 0; i < sizeof pictures / sizeof pictures[0]; i++) {
         UMB__TRY(pictures[i].wanted ? umbt_picture_init(pictures[i].picture, request->size[0],
                                                         request->size[1], error)
                                     : UMB_OK);
     }
-    UMB__TRY(umbt_gbuffer_init(&frame->buffer, request->size[0], request->aa, rows, error));
-    frame->answers = calloc(frame->buffer.capacity, sizeof *frame->answers);
-    frame->truths = calloc(frame->buffer.capacity, sizeof *frame->truths);
-    if (frame->answers == NULL || frame->truths == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%zu answers do not fit in memory",
-                        frame->buffer.capacity);
-    }
-    return UMB_OK;
+    const enum umb_status status =
+        umbt_gbuffer_init(&frame->buffer, request->size[0], request->aa, rows, error);
+    frame->buffer.ground = request->ground;
+    return status;
+}
+
+/* Number of rows of a band. A band with rays, or with translucent surfaces, of which a sub-sample
+ * may see many, has fewer. */
+static uint32_t band_rows(const struct umbt_picture_request *request, size_t row_samples)
+{
+    const int is_small =
+        request->lights[0].truth != NULL || umbt_seen_layers(request->setup->scene) != NULL;
+    const uint32_t rows = (uint32_t)((is_small ? BAND_TRACED : BAND_SAMPLES) / row_samples);
+    return rows < 1 ? 1 : rows > request->size[1] ? request->size[1] : rows;
 }
 
 enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
@@ -413,8 +536,7 @@ enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
 {
     const uint32_t height = request->size[1];
     const size_t row_samples = (size_t)request->size[0] * request->aa * request->aa;
-    uint32_t rows = (uint32_t)((request->truth != NULL ? BAND_TRACED : BAND_SAMPLES) / row_samples);
-    rows = rows < 1 ? 1 : rows > height ? height : rows;
+    const uint32_t rows = band_rows(request, row_samples);
     struct frame frame = {.request = request, .pictures = pictures, .result = result};
     memset(result, 0, sizeof *result);
     if (pthread_mutex_init(&frame.mutex, NULL) != 0) {
@@ -435,6 +557,7 @@ enum umb_status umbt_picture_render(const struct umbt_picture_request *request,
     umbt_gbuffer_finish(&frame.buffer);
     free(frame.answers);
     free(frame.truths);
+    free(frame.received);
     pthread_mutex_destroy(&frame.mutex);
     return status;
 }

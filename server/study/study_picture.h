@@ -8,13 +8,18 @@
  * compressed in their highlights, averaged over the pixel and encoded. Results do not depend on the
  * number of threads.
  *
+ * Translucent surfaces on the way to an opaque one are blended over it, the nearest last. Each is
+ * lit and shadowed as an opaque surface at its place would be.
+ *
+ * Several lights add up: on each receiver the light that each one sends there, times its
+ * visibility. The sum is what the look of picture.h shades and compresses.
+ *
  * Differences are taken over receivers that face the light: elsewhere both answers are 0 by the
- * normal, and counting them would flatter the mean.
+ * normal, and counting them would flatter the mean. Each light counts by itself, and so does each
+ * translucent receiver.
  */
 #include "study/picture.h"
-#include "study/setup.h"
-#include "study/shadow_source.h"
-#include "study/traced_shadow.h"
+#include "study/picture_light.h"
 #include "umbrage/volume.h"
 
 /*
@@ -51,15 +56,15 @@ void umbt_fog_look(const struct umbt_fog *fog, const double eye[3], const double
 #define UMBT_JUDGED_FACING 0.2
 
 struct umbt_picture_request {
-    const struct umbt_setup *setup;          /* to_light: of parallel light */
+    const struct umbt_setup *setup;
     uint32_t size[2];                        /* pixels */
-    const struct umbt_shadow_source *source; /* NULL: no shadows from an asset */
-    const struct umbt_truth *truth;          /* NULL: no traced shadows; at least one of both */
-    const struct umbt_fog *fog;        /* NULL: clear air; seen in `asset` only, without truth */
-    const struct umb_light_info *lamp; /* a spot or point light; NULL: parallel light */
-    uint32_t aa;                       /* sub-samples a side of a pixel, 1..3 */
+    const struct umbt_picture_light *lights; /* [light_count], at least 1, borrowed */
+    uint32_t light_count;
+    const struct umbt_fog *fog; /* of the first light; NULL: clear air. Seen in `asset` only */
+    struct umbt_ground ground;  /* a plane below the scene; zeroed: none */
+    uint32_t aa;                /* sub-samples a side of a pixel, 1..3 */
     unsigned threads;
-    int difference; /* 1: draws the difference; needs source and truth */
+    int difference; /* 1: draws the difference; needs sources and truths */
     int quiet;
 };
 
@@ -69,8 +74,9 @@ struct umbt_pictures {
 };
 
 struct umbt_picture_result {
-    /* Numbers of sub-samples: all, those on a surface, and of these those that face the light. */
-    uint64_t samples, receivers, facing;
+    uint64_t samples, seen; /* Numbers of sub-samples: all, and those that see a surface */
+    /* Numbers of receivers: all, translucent ones, and for each light those that face it. */
+    uint64_t receivers, translucent, facing;
     struct umb_query_stats stats;
     double gbuffer_s, query_s, trace_s, compare_s; /* wall seconds of the stages */
     /* With source and truth, over receivers that face the light: */

@@ -21,6 +21,9 @@
 #define AHEAD           16U /* prefetch distance in points if there are too few for tuning */
 #define TUNE_POINTS     256U
 
+const char *const umbt_study_method_names[UMBT_STUDY_METHODS] = {
+    "dag", "tent", "footprint", "penumbra", "depth map", "nanovdb", "derived"};
+
 /* ---- samples ---- */
 
 static int faces_light(const struct umbt_study_points *points, size_t i)
@@ -59,8 +62,11 @@ static enum umb_status facing_gather(const struct umbt_study *study, struct umbt
 static float *moved_make(const struct umbt_study *study, const struct umbt_peers *peers,
                          const struct umbt_study_bake *bake, uint32_t taps)
 {
-    const struct umb_query_settings settings = {.taps = taps};
-    const double(*step)[3] = bake->frustum.voxel_step;
+    const struct umb_frustum_info *frustum = umbt_study_frustum(bake);
+    const double(*step)[3] = frustum->voxel_step;
+    struct umbt_truth truth =
+        umbt_truth_of(&study->common.scene, study->points.to_light, bake->info.origin, frustum);
+    truth.settings.taps = taps;
     /* Reach without a normal: that of (1,1,1) / sqrt(3) in voxels. */
     const double no_normal =
         0.5 / sqrt(3.0) *
@@ -70,8 +76,10 @@ static float *moved_make(const struct umbt_study *study, const struct umbt_peers
         double normal[3], to[3];
         umbt_widen(peers->normals[i], normal);
         if (umbt_normalize(normal) > 0.0) {
-            const double way = BIAS_CLEARS * umbt_truth_bias(&settings, &bake->frustum, normal);
-            umbt_along(peers->positions[i], way, normal, to);
+            double at[3], way[3];
+            umbt_truth_look_up(&truth, peers->positions[i], normal, at);
+            umb__subtract(at, peers->positions[i], way);
+            umbt_along(peers->positions[i], BIAS_CLEARS, way, to);
         } else {
             umbt_along(peers->positions[i], BIAS_CLEARS * no_normal, study->points.to_light, to);
         }
@@ -94,7 +102,7 @@ struct columns {
 /* Fills one block of 8 x 8 columns by a query at the centres of their texels on the first slice. */
 static void block_fill(const struct columns *columns, uint32_t x, uint32_t y)
 {
-    const struct umb_frustum_info *frustum = &columns->bake->frustum;
+    const struct umb_frustum_info *frustum = umbt_study_frustum(columns->bake);
     struct umb_column_answer found[64];
     double at[64][3];
     int32_t lit[64];
@@ -224,11 +232,13 @@ static enum umb_status volume_add(const struct umbt_study *study, struct umbt_pe
     struct umbt_peer *peer = &peers->list[peers->count];
     const struct umbt_study_bake *bake = &study->bakes[map->setting.bake];
     struct heights heights;
-    *peer = (struct umbt_peer){
-        .setting = {.method = UMBT_STUDY_NANOVDB, .bake = map->setting.bake, .name = "nanovdb"}};
+    *peer = (struct umbt_peer){.setting = {.method = UMBT_STUDY_NANOVDB,
+                                           .bake = map->setting.bake,
+                                           .name = umbt_study_method_names[UMBT_STUDY_NANOVDB]}};
     if (heights_make(&map->map, &heights)) {
-        peer->volume = umbt_nanovdb_make(bake->frustum.log2_size, bake->frustum.world_to_voxel,
-                                         block_state, &heights);
+        peer->volume =
+            umbt_nanovdb_make(umbt_study_frustum(bake)->log2_size,
+                              umbt_study_frustum(bake)->world_to_voxel, block_state, &heights);
         free(heights.range);
     }
     if (peer->volume == NULL) {
@@ -245,9 +255,10 @@ static enum umb_status maps_add(const struct umbt_study *study, struct umbt_peer
                                 uint32_t bake, struct umb_error *error)
 {
     struct umbt_peer *peer = &peers->list[peers->count];
-    const struct umb_frustum_info *frustum = &study->bakes[bake].frustum;
-    *peer = (struct umbt_peer){
-        .setting = {.method = UMBT_STUDY_DEPTH_MAP, .bake = bake, .name = "depth map"}};
+    const struct umb_frustum_info *frustum = umbt_study_frustum(&study->bakes[bake]);
+    *peer = (struct umbt_peer){.setting = {.method = UMBT_STUDY_DEPTH_MAP,
+                                           .bake = bake,
+                                           .name = umbt_study_method_names[UMBT_STUDY_DEPTH_MAP]}};
     UMB__TRY(umbt_map16_init(&peer->map, frustum->log2_size, frustum->world_to_voxel, error));
     peers->count++;
     UMB__TRY(map_fill(study, &study->bakes[bake], &peer->map, error));
@@ -299,7 +310,12 @@ static enum umb_status derived_add(const struct umbt_study *study, struct umbt_p
 static void say_missing(struct umbt_study *study)
 {
     study->missing = "";
-    if (!umbt_map16_supported()) {
+    if (study->points.lamp != NULL) {
+        study->missing = "The study knows the plain shadow map, NanoVDB, the maps for GPUs, the "
+                         "shadow maps of the literature and the aliasing picture of directional "
+                         "lights only: none of them was measured for this lamp. umbrage "
+                         "techniques measures maps of lamps.";
+    } else if (!umbt_map16_supported()) {
         study->missing = "The plain shadow map and NanoVDB were not measured: no AVX2.";
     } else if (!umbt_nanovdb_is_built()) {
         study->missing =
@@ -326,11 +342,11 @@ static enum umb_status resolutions_add(const struct umbt_study *study, struct um
     const uint32_t derived = derived_resolution(&study->options);
     for (uint32_t b = 0; b < study->bake_count; b++) {
         const struct umbt_study_bake *bake = &study->bakes[b];
-        if (bake->asset == NULL || bake->closed ||
+        if (bake->asset == NULL || umbt_study_is_closed(bake) ||
             peers->count + PEERS_OF_RESOLUTION > UMBT_PEERS_MAX) {
             continue;
         }
-        if (umbt_map16_supported() && bake->frustum.log2_size <= MAP_LOG2_MAX) {
+        if (umbt_map16_supported() && umbt_study_frustum(bake)->log2_size <= MAP_LOG2_MAX) {
             UMB__TRY(maps_add(study, peers, b, error));
         }
         if (bake->resolution == derived) {
@@ -345,6 +361,9 @@ enum umb_status umbt_peers_make(struct umbt_study *study, struct umbt_peers *pee
 {
     memset(peers, 0, sizeof *peers);
     say_missing(study);
+    if (study->points.lamp != NULL) {
+        return UMB_OK;
+    }
     if (!study->common.quiet) {
         fprintf(stderr, "umbrage study: shadow maps and volumes of the same resolutions\n");
     }
@@ -436,13 +455,21 @@ void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t coun
 static void truth_prepare(struct umbt_probe *probe)
 {
     const struct umbt_study *study = probe->study;
-    const int disc = probe->result->method == UMBT_STUDY_PENUMBRA;
-    probe->truth = umbt_truth_of(&study->common.scene, study->points.to_light,
-                                 probe->bake->info.origin, &probe->bake->frustum);
-    probe->truth.kind = disc ? UMBT_TRUTH_DISC : UMBT_TRUTH_AREA;
-    probe->truth.settings.taps = probe->result->taps;
-    probe->truth.samples = (uint32_t)study->options.truth_side;
-    probe->truth.extent = disc ? probe->bake->light.extent : 0.0;
+    const enum umbt_study_method method = probe->result->method;
+    const int disc = method == UMBT_STUDY_PENUMBRA;
+    struct umbt_truth *rays = &probe->truth.rays;
+    *rays = umbt_truth_of(&study->common.scene, study->points.to_light, probe->bake->info.origin,
+                          umbt_study_frustum(probe->bake));
+    rays->kind = disc ? UMBT_TRUTH_DISC : UMBT_TRUTH_AREA;
+    rays->settings.taps = probe->result->taps;
+    rays->samples = (uint32_t)study->options.truth_side;
+    rays->extent = disc ? probe->bake->light.extent : 0.0;
+    rays->layers = probe->peer != NULL ? NULL : rays->layers; /* peers know opaque casters only */
+    rays->lamp = study->points.lamp;
+    rays->frusta = rays->lamp != NULL ? probe->bake->frusta : NULL;
+    rays->frustum_count = rays->lamp != NULL ? probe->bake->light.frustum_count : 0;
+    probe->truth.method = method;
+    probe->truth.footprint_m = study->points.footprint_m;
 }
 
 /* Tunes the map's prefetch distance on the view. */
@@ -492,14 +519,25 @@ static enum umb_status peer_prepare(struct umbt_probe *probe, struct umb_error *
     return UMB_OK;
 }
 
-enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error)
+struct umb_query_settings umbt_study_settings(const struct umbt_study *study,
+                                              const struct umbt_study_result *result)
 {
-    const struct umbt_study_result *result = probe->result;
-    const struct umb_query_settings settings = {
+    static const enum umb_filter filters[UMBT_STUDY_METHODS] = {
+        [UMBT_STUDY_TENT] = UMB_FILTER_TENT,
+        [UMBT_STUDY_FOOTPRINT] = UMB_FILTER_FOOTPRINT,
+        [UMBT_STUDY_PENUMBRA] = UMB_FILTER_PENUMBRA,
+    };
+    return (struct umb_query_settings){
         .taps = result->taps,
         .level = result->level,
-        .filter = result->method == UMBT_STUDY_PENUMBRA ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX};
-    probe->bake = &probe->study->bakes[result->bake];
+        .filter = filters[result->method],
+        .footprint_m = result->method == UMBT_STUDY_FOOTPRINT ? study->points.footprint_m : 0.0};
+}
+
+enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error)
+{
+    const struct umb_query_settings settings = umbt_study_settings(probe->study, probe->result);
+    probe->bake = &probe->study->bakes[probe->result->bake];
     truth_prepare(probe);
     return probe->peer != NULL
                ? peer_prepare(probe, error)

@@ -17,7 +17,7 @@
  *
  * The map and the grid get an advantage: samples that face away are not part of their time, and the
  * others are moved off their surface and converted to floats before. An asset's time includes all
- * these steps.
+ * these steps. All peers know parallel light only: under a lamp there are none.
  */
 #define UMBT_PEERS_MAX         32
 #define UMBT_PEER_DERIVED_TAPS 9 /* filter width of derived maps */
@@ -49,12 +49,30 @@ UMB_CHECKED enum umb_status umbt_peers_make(struct umbt_study *study, struct umb
                                             struct umb_error *error);
 void umbt_peers_finish(struct umbt_peers *peers);
 
+/* The area truth of a setting: what its filter estimates, by rays. */
+struct umbt_study_truth {
+    struct umbt_truth rays;
+    enum umbt_study_method method; /* TENT, FOOTPRINT; others: that of `rays` alone */
+    double footprint_m;            /* FOOTPRINT: side of the square of surface */
+};
+
+/* Returns the share of the filter's footprint that sees the light. Threads: any. */
+float umbt_study_truth_visibility(const struct umbt_study_truth *truth, const double point[3],
+                                  const double normal[3]);
+
+/* Returns 1 if the footprint reaches into a closed solid, where answers are unspecified. */
+int umbt_study_truth_is_undefined(const struct umbt_study_truth *truth, const double point[3],
+                                  const double normal[3]);
+
+/* Returns 1 if two truths of one study are equal at every point. */
+int umbt_study_truth_is_same(const struct umbt_study_truth *a, const struct umbt_study_truth *b);
+
 /* One setting, prepared. */
 struct umbt_probe {
     struct umbt_study *study;
     struct umbt_study_result *result;
     const struct umbt_study_bake *bake;
-    struct umbt_truth truth;
+    struct umbt_study_truth truth;
     /* An asset uses query; a peer uses the others that it needs. */
     struct umb_query query;
     const struct umbt_peers *peers;
@@ -82,6 +100,16 @@ void umbt_probe_answer(const struct umbt_probe *probe, size_t first, size_t coun
 UMB_CHECKED enum umb_status umbt_probe_prepare(struct umbt_probe *probe, struct umb_error *error);
 void umbt_probe_finish(struct umbt_probe *probe);
 
+/* Names of the methods. */
+extern const char *const umbt_study_method_names[UMBT_STUDY_METHODS];
+
+/* Returns the query's settings of a method of an asset. */
+struct umb_query_settings umbt_study_settings(const struct umbt_study *study,
+                                              const struct umbt_study_result *result);
+
+/* Computes two unit vectors that span the plane perpendicular to a unit normal. */
+void umbt_study_tangents(const double normal[3], double u[3], double v[3]);
+
 /* A sample's unit normal; zero for free points. */
 void umbt_study_normal(const struct umbt_study_points *points, size_t i, double normal[3]);
 
@@ -90,14 +118,28 @@ void umbt_study_normal(const struct umbt_study_points *points, size_t i, double 
 UMB_CHECKED enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *probes,
                                              struct umb_error *error);
 
+/*
+ * Opens a counter of the instructions that the calling thread executes in user space, kept by the
+ * processor (perf_event_open). Equal work takes equal counts, however busy the machine is. Virtual
+ * machines and containers often have no counter or do not allow it.
+ *
+ * Returns a descriptor for close(); -1: `reason` says why there is none.
+ */
+int umbt_instructions_open(char *reason, size_t size);
+
+/* Returns the count since the counter was opened; 0 for -1. */
+uint64_t umbt_instructions_read(int counter);
+
 /* ---- errors; sums run in the order of the samples, so that they can be reproduced ---- */
 
 /* Answers with their truths; borrowed, arrays of `count`. */
 struct umbt_judged {
-    size_t count; /* surface samples */
+    size_t count;   /* surface samples */
+    size_t border;  /* number of the first sample near a boundary; those before are the view's */
+    double reach_m; /* distance that counts where no boundary is found */
     const float *answers;
     const float *area;  /* the area truth */
-    const uint8_t *lit; /* the hard truth */
+    const float *sharp; /* the hard truth */
     /* Distance in metres from the sample to a change of truth; infinite: none within reach. */
     const float *boundary_m;
     const uint8_t *undefined; /* 1: left out, but counted */
@@ -108,14 +150,15 @@ struct umbt_judged {
 void umbt_errors_area(const struct umbt_judged *judged, struct umbt_study_result *result);
 
 /*
- * Errors against the hard truth. An answer above one half means lit, one below it shadowed. Exactly
- * one half means neither: a coarse cell contains a boundary. Such an answer is neither false light
- * nor false shadow. The sample's distance from the boundary counts as the answer's error.
+ * Errors against the hard truth. An answer that is half or more away from it is wrong. An answer of
+ * exactly one half takes no side, because a coarse cell contains a boundary: it is wrong, but
+ * neither false light nor false shadow. The sample's distance from the boundary counts as the error
+ * of a wrong answer; a right answer's error is 0.
  *
- * In:  result->judged, by umbt_errors_area. wrong: scratch, float[count].
- * Out: false_light, false_shadow, undecided, off_*.
+ * In:  off: scratch, float[count].
+ * Out: wrong, wrong_*, false_light, false_shadow, undecided, off_*.
  */
-void umbt_errors_edges(const struct umbt_judged *judged, float *wrong,
+void umbt_errors_edges(const struct umbt_judged *judged, float *off,
                        struct umbt_study_result *result);
 
 #endif

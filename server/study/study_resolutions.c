@@ -4,8 +4,11 @@
  * its time and memory are those a user would see. The bake's own comparison with rays is off,
  * because the study compares more.
  *
- * An asset of an earlier run in FOLDER/assets is reused if it was baked from this scene at this
- * resolution; the times of its bake are stored beside it.
+ * The plan decides about the closed rule. Where it takes the rule, a second bake without it shows
+ * what the rule saves; where it does not, there is one asset, which is open.
+ *
+ * An asset of an earlier run in FOLDER/assets is reused if it was baked from this scene by the same
+ * program with the same options; these and the times of its bake are stored beside it.
  */
 #define _GNU_SOURCE /* wait4 */
 #include "study/study.h"
@@ -25,12 +28,14 @@
 #include "study/study_math.h"
 #include "tool/clock.h"
 #include "tool/exit_code.h"
+#include "umbrage/version.h"
 
 #define PATH_BYTES   UMBT_STUDY_PATH
 #define LOWEST       512
 #define ARGS_MAX     32
 #define TALK_BYTES   200
-#define EXIT_NO_ROOM 75 /* umbrage-bake's exit code for memory and limits */
+#define WAY_BYTES    8192 /* version and options of a bake, as a line */
+#define EXIT_NO_ROOM 75   /* umbrage-bake's exit code for memory and limits */
 
 enum umb_status umbt_study_path(const struct umbt_study *study, const char *name,
                                 char path[UMBT_STUDY_PATH], struct umb_error *error)
@@ -87,30 +92,67 @@ static enum umb_status find_bake(char path[PATH_BYTES], struct umb_error *error)
     return UMB_OK;
 }
 
+/* Returns the name that chooses the first of several lights of the file, or NULL. */
+static const char *first_light(const struct umbt_study *study)
+{
+    const struct umbs_scene_view *file = &study->common.scene.scene->view;
+    return file->light_count > 1 && file->lights[0].name[0] != '\0' ? file->lights[0].name : NULL;
+}
+
+/* Adds the options of the light: the given one, else the file's first. */
+static size_t light_arguments(const struct umbt_study *study, const char **arguments, size_t count)
+{
+    const struct umbt_study_options *o = &study->options;
+    const int given = o->sun != NULL || o->light != NULL || o->point != NULL || o->spot != NULL;
+    const char *const rows[][2] = {{"--sun", o->sun},
+                                   {"--light", given ? o->light : first_light(study)},
+                                   {"--point", o->point},
+                                   {"--spot", o->spot},
+                                   {"--light-size", o->light_size},
+                                   {"--up", o->up}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        if (rows[i][1] != NULL) {
+            arguments[count++] = rows[i][0];
+            arguments[count++] = rows[i][1];
+        }
+    }
+    return count;
+}
+
 /* Fills the command line of one bake; texts are borrowed. */
 static void fill_arguments(const struct umbt_study *study, const struct umbt_study_bake *bake,
                            char paths[FILES][PATH_BYTES], char *numbers, const char **arguments)
 {
-    const struct umbt_study_options *o = &study->options;
-    const char *fixed[] = {"umbrage-bake", study->common.scene_path, "-o", paths[ASSET], "--verify",
-                           "0", "--quiet", "--closed", bake->closed ? "auto" : "off",
-                           "--resolution", numbers, "--threads",
-                           /* Because rays know only opaque and open. */
-                           numbers + 16, "--effect", "transmittance=off"};
+    const char *fixed[] = {"umbrage-bake", study->common.scene_path,
+                           "-o",           paths[ASSET],
+                           "--verify",     "0",
+                           "--quiet",      "--closed",
+                           bake->rule,     "--resolution",
+                           numbers,        "--threads",
+                           numbers + 16};
     size_t count = 0;
     (void)snprintf(numbers, 16, "%u", bake->resolution);
     (void)snprintf(numbers + 16, 16, "%u", study->common.threads);
     for (; count < sizeof fixed / sizeof fixed[0]; count++) {
         arguments[count] = fixed[count];
     }
-    const char *const optional[][2] = {{"--sun", o->sun}, {"--light", o->light}, {"--up", o->up}};
-    for (size_t i = 0; i < sizeof optional / sizeof optional[0]; i++) {
-        if (optional[i][1] != NULL) {
-            arguments[count++] = optional[i][0];
-            arguments[count++] = optional[i][1];
-        }
+    arguments[light_arguments(study, arguments, count)] = NULL;
+}
+
+/* Writes the program's version and the options that decide what a bake makes, as one line. */
+static void way_of(const struct umbt_study *study, const struct umbt_study_bake *bake,
+                   char way[WAY_BYTES])
+{
+    const char *arguments[ARGS_MAX] = {NULL};
+    size_t used = 0;
+    const size_t count = light_arguments(study, arguments, 0);
+    used += (size_t)snprintf(way, WAY_BYTES, "%s --closed %s", UMB_VERSION_TEXT, bake->rule);
+    for (size_t i = 0; i < count && used < WAY_BYTES; i++) {
+        used += (size_t)snprintf(way + used, WAY_BYTES - used, " %s", arguments[i]);
     }
-    arguments[count] = NULL;
+    for (char *at = way; *at != '\0'; at++) {
+        *at = *at == '\n' || *at == '\r' ? ' ' : *at;
+    }
 }
 
 /* In the child: never returns. */
@@ -173,23 +215,27 @@ static enum umb_status run_bake(const struct umbt_study *study, struct umbt_stud
     return UMB_OK;
 }
 
-static void times_save(const char *path, const struct umbt_study_bake *bake)
+static void times_save(const char *path, const char *way, const struct umbt_study_bake *bake)
 {
     FILE *file = fopen(path, "w"); /* without this file the next run bakes again */
     if (file != NULL) {
-        (void)fprintf(file, "%.6f %.6f\n", bake->wall_s, bake->cpu_s);
+        (void)fprintf(file, "%.6f %.6f\n%s\n", bake->wall_s, bake->cpu_s, way);
         (void)fclose(file);
     }
 }
 
-static int times_load(const char *path, struct umbt_study_bake *bake)
+/* Reads the times of a bake. Returns 0 unless it was made in the same way. */
+static int times_load(const char *path, const char *way, struct umbt_study_bake *bake)
 {
+    char line[WAY_BYTES + 2] = "";
     FILE *file = fopen(path, "r");
-    int good = file != NULL && fscanf(file, "%lf %lf", &bake->wall_s, &bake->cpu_s) == 2;
+    int good = file != NULL && fscanf(file, "%lf %lf ", &bake->wall_s, &bake->cpu_s) == 2 &&
+               fgets(line, sizeof line, file) != NULL;
     if (file != NULL) {
         (void)fclose(file);
     }
-    return good;
+    line[strcspn(line, "\n")] = '\0';
+    return good && strcmp(line, way) == 0;
 }
 
 static enum umb_status resolution_open(struct umbt_study_bake *bake, const char *path,
@@ -198,12 +244,14 @@ static enum umb_status resolution_open(struct umbt_study_bake *bake, const char 
     UMB__TRY(umb_asset_open_file(path, NULL, &bake->asset, error));
     umb_asset_get_info(bake->asset, &bake->info);
     UMB__TRY(umb_asset_get_light(bake->asset, 0, &bake->light));
-    UMB__TRY(umb_asset_get_frustum(bake->asset, bake->light.first_frustum, &bake->frustum));
-    if (bake->light.kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "--light: the study knows directional lights");
+    if (bake->light.frustum_count > UMBT_STUDY_FACES) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "%s: a light of %u frusta; the study takes %d",
+                        bake->file, bake->light.frustum_count, UMBT_STUDY_FACES);
     }
-    bake->voxel_m =
-        0.5 * (umb__length(bake->frustum.voxel_step[0]) + umb__length(bake->frustum.voxel_step[1]));
+    for (uint32_t i = 0; i < bake->light.frustum_count; i++) {
+        UMB__TRY(
+            umb_asset_get_frustum(bake->asset, bake->light.first_frustum + i, &bake->frusta[i]));
+    }
     return UMB_OK;
 }
 
@@ -218,13 +266,15 @@ static int resolution_reuse(const struct umbt_study *study, struct umbt_study_ba
                             char paths[FILES][PATH_BYTES])
 {
     struct umb_error ignored;
-    if (access(paths[ASSET], R_OK) != 0 || !times_load(paths[TIMES], bake) ||
+    char way[WAY_BYTES];
+    way_of(study, bake, way);
+    if (access(paths[ASSET], R_OK) != 0 || !times_load(paths[TIMES], way, bake) ||
         resolution_open(bake, paths[ASSET], &ignored) != UMB_OK) {
         resolution_close(bake);
         return 0;
     }
     const int same = memcmp(bake->info.scene_hash, study->common.scene.hash, UMB_ID_BYTES) == 0 &&
-                     bake->resolution == 1U << bake->frustum.log2_size;
+                     bake->resolution == 1U << umbt_study_frustum(bake)->log2_size;
     if (!same) {
         resolution_close(bake);
     }
@@ -248,61 +298,79 @@ static enum umb_status resolution_bake(const struct umbt_study *study, struct um
                                        struct umb_error *error)
 {
     char paths[FILES][PATH_BYTES];
-    char talk[TALK_BYTES];
+    char talk[TALK_BYTES], way[WAY_BYTES];
     int code = 0;
-    enum umb_status status = paths_make(study, bake->name, paths, error);
+    enum umb_status status = paths_make(study, bake->file, paths, error);
     if (status != UMB_OK || resolution_reuse(study, bake, paths)) {
         return status;
     }
     UMB__TRY(run_bake(study, bake, paths, &code, error));
     if (code == 0) {
-        times_save(paths[TIMES], bake);
+        way_of(study, bake, way);
+        times_save(paths[TIMES], way, bake);
         return resolution_open(bake, paths[ASSET], error);
     }
     last_line(paths[TALK], talk, sizeof talk);
     (void)snprintf(bake->reason, sizeof bake->reason, "%.200s", talk);
     if (code != EXIT_NO_ROOM) {
         return umb_fail(error, status_of(code), "%s: %.200s (umbrage-bake ended with %d)",
-                        bake->name, talk, code);
+                        bake->file, talk, code);
     }
     return UMB_OK;
 }
 
-/* Adds one resolution, open or closed. Out: 0 if it is the last. */
-static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution, int closed,
-                                      int *more, struct umb_error *error)
+/* Names a bake by what came of it; one that failed by its file. */
+static void bake_name(struct umbt_study_bake *bake)
+{
+    const char *kind = umbt_study_is_closed(bake) ? "closed" : "open";
+    if (bake->asset != NULL) {
+        (void)snprintf(bake->name, sizeof bake->name, "%u-%s", bake->resolution, kind);
+    } else {
+        memcpy(bake->name, bake->file, sizeof bake->name);
+    }
+}
+
+/* Adds one resolution by a value of --closed. Out: 0 if there is no room for it. */
+static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution,
+                                      const char *rule, int *fits, struct umb_error *error)
 {
     struct umbt_study_bake *bake = &study->bakes[study->bake_count];
     memset(bake, 0, sizeof *bake);
     bake->resolution = resolution;
-    bake->closed = closed;
-    (void)snprintf(bake->name, sizeof bake->name, "%u-%s", resolution, closed ? "closed" : "open");
+    bake->rule = rule;
+    (void)snprintf(bake->file, sizeof bake->file, "%u-%s", resolution, rule);
     if (!study->common.quiet) {
-        fprintf(stderr, "umbrage study: bake %s\n", bake->name);
+        fprintf(stderr, "umbrage study: bake %u, closed rule %s\n", resolution, rule);
     }
     enum umb_status status = resolution_bake(study, bake, error);
     if (status != UMB_OK) {
         resolution_close(bake);
         return status;
     }
+    bake_name(bake);
     study->bake_count++;
-    *more = bake->reason[0] == '\0';
+    *fits = bake->reason[0] == '\0';
     return UMB_OK;
 }
 
 enum umb_status umbt_study_bake_all(struct umbt_study *study, struct umb_error *error)
 {
+    int fits = 1, open_fits = 1;
     UMB__TRY(umbt_study_folder(study, "", error));
     UMB__TRY(umbt_study_folder(study, "assets", error));
-    const int any_closed = study->common.scene.parts.closed_triangles > 0;
-    for (int closed = any_closed; closed >= 0; closed--) {
-        int more = 1;
-        for (uint64_t resolution = LOWEST; more && resolution <= study->options.max_resolution &&
-                                           study->bake_count < UMBT_STUDY_BAKES_MAX;
-             resolution *= 2) {
-            UMB__TRY(resolution_add(study, (uint32_t)resolution, closed, &more, error));
+    for (uint64_t resolution = LOWEST; fits && resolution <= study->options.max_resolution &&
+                                       study->bake_count + 2 <= UMBT_STUDY_BAKES_MAX;
+         resolution *= 2) {
+        UMB__TRY(resolution_add(study, (uint32_t)resolution, "auto", &fits, error));
+        if (open_fits && umbt_study_is_closed(&study->bakes[study->bake_count - 1])) {
+            UMB__TRY(resolution_add(study, (uint32_t)resolution, "off", &open_fits, error));
         }
     }
+    if (study->bakes[0].asset == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%s: %.200s", study->bakes[0].name,
+                        study->bakes[0].reason);
+    }
+    study->light_count = study->bakes[0].info.light_count;
     return UMB_OK;
 }
 

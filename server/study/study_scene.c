@@ -67,27 +67,86 @@ static enum umb_status surfaces_find(struct umbt_scene *scene, struct umb_error 
     return UMB_OK;
 }
 
+/* Builds the hierarchies of a tracer whose cuts are set. */
+static enum umb_status tracer_build(const struct umbt_scene *scene, struct umbt_tracer *tracer,
+                                    struct umb_error *error)
+{
+    const double(*corners)[3][3] = (const double(*)[3][3])scene->corners;
+    const struct umbr_rays_options options = {.cuts = &tracer->cuts};
+    UMB__TRY(umbr_layers_build(corners, scene->count, &tracer->cuts, 0, &tracer->layers, error));
+    return umbr_rays_build(corners, scene->count, &options, &tracer->rays, error);
+}
+
+static void tracer_finish(struct umbt_tracer *tracer)
+{
+    umbr_rays_destroy(tracer->rays);
+    umbr_layers_destroy(tracer->layers);
+    umbs_cuts_finish(&tracer->cuts);
+}
+
+/* Makes the tracer of cameras for a scene whose casters are not as the file has them. Parts that
+ * the bake turns around have other corners than the file, so their coordinates follow. */
+static enum umb_status as_file_make(struct umbt_scene *scene, struct umb_error *error)
+{
+    struct umbs_cuts *cuts = &scene->as_file.cuts;
+    UMB__TRY(umbs_cuts_find(&scene->scene->view, cuts, error));
+    for (size_t i = 0; cuts->of != NULL && i < scene->count; i++) {
+        if (cuts->of[i] < UMBS_CUT_CLEAR && umbt_scene_is_turned(scene, i)) {
+            float(*uv)[2] = cuts->cuts[cuts->of[i]].uv, kept[2];
+            memcpy(kept, uv[1], sizeof kept);
+            memcpy(uv[1], uv[2], sizeof kept);
+            memcpy(uv[2], kept, sizeof kept);
+        }
+    }
+    scene->seen = &scene->as_file;
+    return tracer_build(scene, &scene->as_file, error);
+}
+
+/* Finds the casters and the parts. A part with a hole is not closed, so it is never turned. */
+static enum umb_status casters_find(struct umbt_scene *scene, unsigned flags,
+                                    struct umb_error *error)
+{
+    struct umbs_cuts *cuts = &scene->casts.cuts;
+    const struct umbs_scene_view *view = &scene->scene->view;
+    UMB__TRY((flags & UMBT_SCENE_SHARP) != 0 ? umbs_cuts_find_sharp(view, cuts, error)
+                                             : umbs_cuts_find(view, cuts, error));
+    umbs_cuts_take_as_opaque(cuts, (flags & UMBT_SCENE_WHOLE) != 0,
+                             (flags & UMBT_SCENE_THROUGH) == 0);
+    UMB__TRY(
+        umbs_parts_find((const double(*)[3][3])scene->corners, scene->count, &scene->parts, error));
+    umbs_cuts_open_parts(cuts, &scene->parts, scene->count);
+    umbs_parts_orient(&scene->parts, scene->corners, scene->count);
+    return UMB_OK;
+}
+
+static enum umb_status tracers_make(struct umbt_scene *scene, unsigned flags,
+                                    struct umb_error *error)
+{
+    const struct umbs_cuts *cuts = &scene->casts.cuts;
+    const int differs = ((flags & UMBT_SCENE_WHOLE) != 0 && cuts->figures.materials > 0) ||
+                        ((flags & UMBT_SCENE_THROUGH) == 0 && cuts->translucent.triangles > 0) ||
+                        ((flags & UMBT_SCENE_SHARP) != 0 && cuts->sharp.materials > 0);
+    UMB__TRY(tracer_build(scene, &scene->casts, error));
+    scene->rays = scene->casts.rays;
+    scene->seen = &scene->casts;
+    return (flags & UMBT_SCENE_SEEN) != 0 && differs ? as_file_make(scene, error) : UMB_OK;
+}
+
 static enum umb_status scene_load(struct umbt_scene *scene, unsigned flags, struct umb_error *error)
 {
-    const struct umbs_import_options options = {0};
-    const struct umbr_rays_options traced = {.cuts = &scene->cuts};
+    const struct umbs_import_options options = {.look = (flags & UMBT_SCENE_LOOK) != 0};
     UMB__TRY(umbs_scene_import(scene->path, &options, &scene->scene, error));
     const struct umbs_scene_view *view = &scene->scene->view;
     umbs_scene_hash(view, scene->hash);
     UMB__TRY(umbs_scene_flatten(view, &scene->corners, &scene->materials, &scene->count, error));
-    UMB__TRY(umbs_cuts_find(view, &scene->cuts, error));
-    umbs_cuts_take_as_opaque(&scene->cuts, (flags & UMBT_SCENE_WHOLE) != 0,
-                             (flags & UMBT_SCENE_THROUGH) == 0);
     if (scene->count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "%s: no triangles", scene->path);
     }
-    const double(*corners)[3][3] = (const double(*)[3][3])scene->corners;
-    UMB__TRY(umbs_parts_find(corners, scene->count, &scene->parts, error));
-    umbs_cuts_open_parts(&scene->cuts, &scene->parts, scene->count);
-    umbs_parts_orient(&scene->parts, scene->corners, scene->count);
+    UMB__TRY(casters_find(scene, flags, error));
     box_measure(scene);
     UMB__TRY(surfaces_find(scene, error));
-    return umbr_rays_build(corners, scene->count, &traced, &scene->rays, error);
+    UMB__TRY((flags & UMBT_SCENE_LOOK) != 0 ? umbt_scene_look(scene, error) : UMB_OK);
+    return tracers_make(scene, flags, error);
 }
 
 enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, unsigned flags,
@@ -99,6 +158,13 @@ enum umb_status umbt_scene_init(struct umbt_scene *scene, const char *path, unsi
         umbt_scene_finish(scene);
     }
     return status;
+}
+
+unsigned umbt_scene_flags_of(const char *plan)
+{
+    return (umbt_plan_has(plan, "cut-out") ? 0U : (unsigned)UMBT_SCENE_WHOLE) |
+           (umbt_plan_has(plan, "transmittance") ? (unsigned)UMBT_SCENE_THROUGH : 0U) |
+           (umbt_plan_has(plan, "blend-cut-out") ? (unsigned)UMBT_SCENE_SHARP : 0U);
 }
 
 int umbt_plan_has(const char *plan, const char *effect)
@@ -116,13 +182,12 @@ int umbt_plan_has(const char *plan, const char *effect)
 
 void umbt_scene_finish(struct umbt_scene *scene)
 {
-    if (scene->rays != NULL) {
-        umbr_rays_destroy(scene->rays);
-    }
-    umbs_cuts_finish(&scene->cuts);
+    tracer_finish(&scene->casts);
+    tracer_finish(&scene->as_file);
     umbs_parts_finish(&scene->parts);
     free(scene->corners);
     free(scene->materials);
+    free(scene->normals);
     if (scene->scene != NULL) {
         umbs_scene_destroy(scene->scene);
     }

@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Times of every setting and of rays (study_probe.h). Runs are interleaved over the settings, so
- * that a disturbance of the machine affects all of them alike. Settings whose runs differ too much
- * are timed again. Times of one thread are its CPU time, times of all threads are wall time.
+ * that a disturbance of the machine affects all of them alike. The least of all runs counts
+ * (struct umbt_time); settings whose least runs differ are run again. Times of one thread are its
+ * CPU time, times of all threads are wall time. Where the processor counts instructions, those of a
+ * point are counted too.
  */
 #include "study/study_probe.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/try.h"
 #include "tool/threads.h"
@@ -23,14 +26,25 @@
 #define ALL_POINTS 1000000U
 #define ALL_PASSES 32U
 #define ALL_S      0.02
-#define ATTEMPTS   4 /* attempts at times whose runs agree */
+#define ALL_RUNS   14 /* more do not steady wall time on a busy machine */
+#define RUNS_MIN   14 /* runs from different moments, even if the first few agree */
+
+/* Kinds of times of a setting. */
+enum {
+    VIEW,
+    FREE,
+    ALL,
+    KINDS
+};
 
 /* Times of one setting, and of rays, a run each. */
 struct times {
-    double view[UMBT_STUDY_RUNS], free[UMBT_STUDY_RUNS], all[UMBT_STUDY_RUNS];
+    double ns[KINDS][UMBT_STUDY_RUNS_MAX];
+    size_t runs[KINDS];
 };
 struct ray_times {
-    double ns[UMBT_RAYS_WAYS][UMBT_STUDY_RUNS];
+    double ns[UMBT_RAYS_WAYS][UMBT_STUDY_RUNS_MAX];
+    size_t runs;
 };
 
 static enum umb_status all_block(void *user, size_t first, size_t count, struct umb_error *error)
@@ -57,28 +71,48 @@ static size_t all_passes(size_t view, double ns)
     return wanted >= (double)ALL_PASSES ? ALL_PASSES : 1 + (size_t)wanted;
 }
 
-static enum umb_status time_once(struct umbt_probe *probe, struct times *times, int run,
-                                 float *values, struct umb_error *error)
+/* Times one kind once. Out: ns. Fails: E_NO_MEMORY. */
+static enum umb_status time_once(struct umbt_probe *probe, int kind, float *values, double *ns,
+                                 struct umb_error *error)
 {
     const struct umbt_study_points *points = &probe->study->points;
     const size_t view = points->first[UMBT_STUDY_BORDER];
-    const size_t first_free = points->first[UMBT_STUDY_FREE];
-    double start = umbu_thread_cpu_s();
-    umbt_probe_query(probe, 0, view, values);
-    times->view[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)view;
-    start = umbu_thread_cpu_s();
-    umbt_probe_query(probe, first_free, points->count - first_free, values);
-    times->free[run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)(points->count - first_free);
-    const size_t passes = all_passes(view, times->view[run]);
-    start = umbu_clock_s();
-    const enum umb_status status = umbu_range_run(probe->study->common.threads, passes * view,
-                                                  ALL_BLOCK, all_block, probe, error);
-    times->all[run] = 1e9 * (umbu_clock_s() - start) / (double)(passes * view);
-    return status;
+    const size_t first = kind == FREE ? points->first[UMBT_STUDY_FREE] : 0;
+    const size_t count = kind == FREE ? points->count - first : view;
+    const size_t passes = kind == ALL ? all_passes(view, probe->result->view.ns) : 1;
+    const double start = kind == ALL ? umbu_clock_s() : umbu_thread_cpu_s();
+    if (kind == ALL) {
+        UMB__TRY(umbu_range_run(probe->study->common.threads, passes * view, ALL_BLOCK, all_block,
+                                probe, error));
+    } else {
+        umbt_probe_query(probe, first, count, values);
+    }
+    const double end = kind == ALL ? umbu_clock_s() : umbu_thread_cpu_s();
+    *ns = 1e9 * (end - start) / (double)(passes * count);
+    return UMB_OK;
 }
 
-/* Traces one ray from each start, eight a call; the last few starts are left out. Returns the
- * number of rays that hit. */
+/* Returns the place of a kind's time in a result. */
+static struct umbt_time *time_of(struct umbt_study_result *result, int kind)
+{
+    return kind == VIEW ? &result->view : kind == FREE ? &result->free : &result->all;
+}
+
+/* Counts the instructions of a point of the view, at the least. */
+static void instructions_count(struct umbt_probe *probe, int counter, float *values)
+{
+    const size_t view = probe->study->points.first[UMBT_STUDY_BORDER];
+    double least = INFINITY;
+    for (int i = 0; i < UMBT_LEAST_RUNS; i++) {
+        const uint64_t before = umbt_instructions_read(counter);
+        umbt_probe_query(probe, 0, view, values);
+        least = fmin(least, (double)(umbt_instructions_read(counter) - before));
+    }
+    probe->result->instructions = counter >= 0 ? least / (double)view : (double)NAN;
+}
+
+/* Traces one ray from each start, eight a call; the last few starts are left out. Rays of parallel
+ * light only. Returns the number of rays that hit. */
 static int rays_by_eight(const struct umbt_study *study, const double (*starts)[3], size_t count,
                          double near, double far)
 {
@@ -109,8 +143,7 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
     if (!(umb__dot(normal, study->points.to_light) > 0.0)) {
         return 0;
     }
-    umbt_along(study->points.positions[i],
-               umbt_truth_bias(&window->settings, &window->frustum, normal), normal, moved);
+    umbt_truth_move(window, &window->frustum, study->points.positions[i], normal, moved);
     for (int k = 0; k < 8 * CALLS; k++) {
         const int ray = k < RAYS ? k : RAYS - 1;
         const double x = pitch * (ray % AREA_RAYS - AREA_RAYS / 2);
@@ -135,23 +168,30 @@ static int trace(const struct umbt_study *study, const struct umbt_truth *window
                              reach);
     }
     for (size_t i = first; i < first + count; i++) {
+        double normal[3], towards[3];
         if (way == UMBT_RAYS_AREA) {
-            double normal[3];
             umbt_study_normal(points, i, normal);
             sum += umbt_truth_visibility(window, points->positions[i], normal) > 0.5F;
         } else if (way == UMBT_RAYS_AREA8) {
             sum += window_by_eight(study, window, i);
         } else {
-            sum += umbr_occluded(study->common.scene.rays, points->positions[i], points->to_light,
-                                 1e-5 * reach, reach);
+            const double far = umbt_study_towards(points, points->positions[i], towards);
+            sum += umbr_occluded(study->common.scene.rays, points->positions[i], towards,
+                                 1e-5 * reach, fmin(far, reach));
         }
     }
     return sum;
 }
 
+/* Returns 1 if a way of tracing exists for the light: packets of rays are parallel. */
+static int way_exists(const struct umbt_study *study, int way)
+{
+    return study->points.lamp == NULL || (way != UMBT_RAYS_VIEW8 && way != UMBT_RAYS_AREA8);
+}
+
 /* Times each way of tracing rays once, on the samples of the queries. Returns the number of rays
  * that hit, so that the compiler cannot remove them. */
-static int rays_once(const struct umbt_study *study, struct ray_times *times, int run,
+static int rays_once(const struct umbt_study *study, struct ray_times *times,
                      const struct umbt_truth *window)
 {
     const struct umbt_study_points *points = &study->points;
@@ -162,62 +202,83 @@ static int rays_once(const struct umbt_study *study, struct ray_times *times, in
                              : way < UMBT_RAYS_AREA || view < AREA_POINTS ? view
                                                                           : AREA_POINTS;
         const double start = umbu_thread_cpu_s();
-        sum += trace(study, window, way, count);
-        times->ns[way][run] = 1e9 * (umbu_thread_cpu_s() - start) / (double)count;
+        sum += way_exists(study, way) ? trace(study, window, way, count) : 0;
+        times->ns[way][times->runs] = 1e9 * (umbu_thread_cpu_s() - start) / (double)count;
     }
+    times->runs++;
     return sum;
 }
 
-/* Keeps a time if its runs are steadier than those of the time before. */
-static void keep_steadier(double runs[UMBT_STUDY_RUNS], struct umbt_time *kept)
+static void rays_conclude(struct umbt_study *study, struct ray_times *times)
 {
-    const struct umbt_time time = umbt_median(runs, UMBT_STUDY_RUNS);
-    *kept = time.spread < kept->spread ? time : *kept;
-}
-
-static void rays_conclude(struct umbt_time rays[UMBT_RAYS_WAYS], struct ray_times *times)
-{
-    struct umbt_time made[UMBT_RAYS_WAYS];
     for (int way = 0; way < UMBT_RAYS_WAYS; way++) {
-        made[way] = umbt_median(times->ns[way], UMBT_STUDY_RUNS);
-    }
-    if (made[UMBT_RAYS_VIEW].spread < rays[UMBT_RAYS_VIEW].spread) {
-        memcpy(rays, made, sizeof made);
+        study->rays[way] = umbt_least(times->ns[way], times->runs);
+        if (!way_exists(study, way)) {
+            study->rays[way] = (struct umbt_time){(double)NAN, 0.0};
+        }
     }
 }
 
-static int is_noisy(const struct umbt_study_result *result)
+/* Runs the kinds of times of one setting that are not steady yet, once each. */
+static enum umb_status setting_once(struct umbt_probe *probe, struct times *times, float *values,
+                                    struct umb_error *error)
 {
-    return fmax(result->view.spread, fmax(result->free.spread, result->all.spread)) >
-           UMBT_SPREAD_MAX;
+    for (int kind = 0; kind < KINDS; kind++) {
+        struct umbt_time *time = time_of(probe->result, kind);
+        const size_t most = kind == ALL ? ALL_RUNS : UMBT_STUDY_RUNS_MAX;
+        const size_t wanted = time->spread > UMBT_SPREAD_STEADY ? most : RUNS_MIN;
+        if (times->runs[kind] < wanted) {
+            double *ns = &times->ns[kind][times->runs[kind]++];
+            UMB__TRY(time_once(probe, kind, values, ns, error));
+            time->ns = time->ns > 0.0 ? fmin(time->ns, *ns) : *ns; /* decides the passes of ALL */
+        }
+    }
+    return UMB_OK;
 }
 
-/* Makes one attempt: interleaved runs of all settings whose times are not steady yet. */
-static enum umb_status times_attempt(struct umbt_study *study, struct umbt_probe *probes,
-                                     struct times *times, const struct umbt_truth *window,
-                                     float *values, struct umb_error *error)
+/* Makes one series: interleaved runs of all settings whose times are not steady yet. */
+static enum umb_status times_series(struct umbt_study *study, struct umbt_probe *probes,
+                                    struct times *times, struct ray_times *rays,
+                                    const struct umbt_truth *window, float *values,
+                                    struct umb_error *error)
 {
-    struct ray_times rays;
-    const int rays_too = study->rays[UMBT_RAYS_VIEW].spread > UMBT_SPREAD_MAX;
+    const int rays_too =
+        rays->runs < RUNS_MIN || study->rays[UMBT_RAYS_VIEW].spread > UMBT_SPREAD_STEADY;
     for (int run = 0; run < UMBT_STUDY_RUNS; run++) {
         for (uint32_t i = 0; i < study->result_count; i++) {
-            UMB__TRY(is_noisy(&study->results[i])
-                         ? time_once(&probes[i], &times[i], run, values, error)
-                         : UMB_OK);
+            UMB__TRY(setting_once(&probes[i], &times[i], values, error));
         }
-        if (rays_too) {
-            study->stopped += rays_once(study, &rays, run, window);
-        }
+        study->stopped += rays_too ? rays_once(study, rays, window) : 0;
     }
     for (uint32_t i = 0; i < study->result_count; i++) {
-        if (is_noisy(&study->results[i])) {
-            keep_steadier(times[i].view, &study->results[i].view);
-            keep_steadier(times[i].free, &study->results[i].free);
-            keep_steadier(times[i].all, &study->results[i].all);
+        for (int kind = 0; kind < KINDS; kind++) {
+            *time_of(&study->results[i], kind) = umbt_least(times[i].ns[kind], times[i].runs[kind]);
         }
     }
-    if (rays_too) {
-        rays_conclude(study->rays, &rays);
+    rays_conclude(study, rays);
+    return UMB_OK;
+}
+
+static enum umb_status times_measure(struct umbt_study *study, struct umbt_probe *probes,
+                                     struct times *times, float *values, struct umb_error *error)
+{
+    struct umbt_truth window = probes[0].truth.rays;
+    struct ray_times rays = {.runs = 0};
+    window.samples = AREA_RAYS;
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        for (int kind = 0; kind < KINDS; kind++) {
+            *time_of(&study->results[i], kind) = (struct umbt_time){0.0, INFINITY};
+        }
+    }
+    for (int series = 0; series < UMBT_STUDY_RUNS_MAX / UMBT_STUDY_RUNS; series++) {
+        UMB__TRY(times_series(study, probes, times, &rays, &window, values, error));
+    }
+    const int counter = umbt_instructions_open(study->uncounted, sizeof study->uncounted);
+    for (uint32_t i = 0; i < study->result_count; i++) {
+        instructions_count(&probes[i], counter, values);
+    }
+    if (counter >= 0) {
+        (void)close(counter);
     }
     return UMB_OK;
 }
@@ -227,23 +288,11 @@ enum umb_status umbt_study_times(struct umbt_study *study, struct umbt_probe *pr
 {
     struct times *times = calloc(study->result_count, sizeof *times);
     float *values = malloc(study->points.count * sizeof *values);
-    if (times == NULL || values == NULL) {
-        free(times);
-        free(values);
-        return umb_fail(error, UMB_E_NO_MEMORY, "times of %u settings do not fit in memory",
-                        study->result_count);
-    }
-    struct umbt_truth window = probes[0].truth;
-    enum umb_status status = UMB_OK;
-    window.samples = AREA_RAYS;
-    study->rays[UMBT_RAYS_VIEW].spread = INFINITY;
-    for (uint32_t i = 0; i < study->result_count; i++) {
-        struct umbt_study_result *result = &study->results[i];
-        result->view.spread = result->free.spread = result->all.spread = INFINITY;
-    }
-    for (int attempt = 0; attempt < ATTEMPTS && status == UMB_OK; attempt++) {
-        status = times_attempt(study, probes, times, &window, values, error);
-    }
+    const enum umb_status status =
+        times != NULL && values != NULL
+            ? times_measure(study, probes, times, values, error)
+            : umb_fail(error, UMB_E_NO_MEMORY, "times of %u settings do not fit in memory",
+                       study->result_count);
     free(times);
     free(values);
     return status;

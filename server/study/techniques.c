@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/try.h"
 #include "maps/map_parts.h"
+#include "query/query_parts.h"
 #include "study/technique_seams.h"
 #include "tool/clock.h"
 #include "tool/threads.h"
@@ -20,7 +21,7 @@
 #define BLOCK        512  /* points a thread traces at a time */
 #define SAME_SUN     1e-9 /* 1 - cosine of the largest angle between equal suns: 0.003 degrees */
 #define RUNS         5
-#define ATTEMPTS     3     /* attempts at runs that agree */
+#define ATTEMPTS     3     /* series of runs, until the least agree */
 #define RUN_S        0.002 /* shortest run, so that the clock measures it well */
 #define CALLS_MAX    1000  /* most calls a run */
 
@@ -95,6 +96,8 @@ static void box_truth(const struct umbt_technique_view *view, const struct umb_m
     }
     *truth = umbt_truth_of(view->setup.scene, view->setup.to_light, frustum->origin, &texels);
     truth->kind = UMBT_TRUTH_AREA;
+    truth->by_normal = 1;
+    truth->layers = NULL;
     truth->settings.taps = view->taps;
     truth->samples = AREA_RAYS;
 }
@@ -187,11 +190,14 @@ void umbt_technique_view_finish(struct umbt_technique_view *view)
 }
 
 /* Adds the differences of answers from a truth, over points that face the light, to a zeroed
- * result. truth, values: float[receivers]. */
+ * result. truth, values: float[receivers]. The truth is copied if the view wants it. */
 static void compare(const struct umbt_technique_view *view, const float *truth, const float *values,
                     struct umbt_technique_result *result)
 {
     size_t facing = 0, over = 0;
+    if (view->compared != NULL) {
+        memcpy(view->compared, truth, view->buffer.receiver_count * sizeof *truth);
+    }
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
         double normal[3];
         umbt_widen(view->buffer.normals[i], normal);
@@ -239,22 +245,21 @@ static double calls_s(const struct asking *asking, int calls)
     return umbu_thread_cpu_s() - start;
 }
 
-/* Answers all points on one thread and times the answers, until an attempt is steady. */
+/* Answers all points on one thread and times the answers, until the least runs agree. */
 static void answer(const struct umbt_technique_view *view, struct asking asking,
                    struct umbt_technique_result *result)
 {
     const size_t points = view->buffer.receiver_count;
+    double ns[ATTEMPTS * RUNS];
     asking.points = umbt_points_at(view->buffer.positions[0], view->buffer.normals[0], points);
     result->time.spread = INFINITY;
     const double once = calls_s(&asking, 1); /* also warms up the caches */
     const int calls = 1 + (int)fmin(RUN_S / fmax(once, 1e-9), CALLS_MAX);
-    for (int i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_MAX; i++) {
-        double ns[RUNS];
-        for (int run = 0; run < RUNS; run++) {
+    for (size_t i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_STEADY; i++) {
+        for (size_t run = RUNS * i; run < RUNS * (i + 1); run++) {
             ns[run] = 1e9 * calls_s(&asking, calls) / ((double)calls * (double)points);
         }
-        const struct umbt_time time = umbt_median(ns, RUNS);
-        result->time = time.spread < result->time.spread ? time : result->time;
+        result->time = umbt_least(ns, RUNS * (i + 1));
     }
 }
 
@@ -470,12 +475,33 @@ enum umb_status umbt_dag_open(const struct umbt_technique_view *view, const char
     return UMB_OK;
 }
 
+/* Times an asset's box or one tap by the kernel without vector instructions. A query with more
+ * stages than its kernel keeps the time of `result`. */
+static void answer_scalar(const struct umbt_technique_view *view, const struct umb_query *query,
+                          float *values, struct umbt_technique_result *result)
+{
+    struct umb_query copy = {{0}};
+    struct umb__query inside;
+    struct umbt_technique_result scalar = *result;
+    memcpy(&inside, query->opaque, sizeof inside);
+    if (inside.run == inside.kernel) {
+        inside.run = inside.kernel = umb__kernel_base;
+        memcpy(copy.opaque, &inside, sizeof inside);
+        answer(view, (struct asking){.query = &copy, .values = values}, &scalar);
+    }
+    result->scalar = scalar.time;
+}
+
 enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struct umb_asset *asset,
                              enum umbt_technique_truth kind, float *values,
                              struct umbt_technique_result *result, struct umb_error *error)
 {
-    const int box = kind == UMBT_BOX;
-    const struct umb_query_settings settings = {.taps = box ? view->taps : 1};
+    const int penumbra = kind == UMBT_PENUMBRA;
+    const struct umb_query_settings settings = {.taps = kind == UMBT_BOX ? view->taps : 1,
+                                                .filter =
+                                                    penumbra ? UMB_FILTER_PENUMBRA : UMB_FILTER_BOX,
+                                                .light_extent = penumbra ? view->light_rad : 0.0,
+                                                .opaque_only = 1}; /* as maps are */
     struct umb_asset_info info;
     struct umb_light_info light;
     struct umb_query query;
@@ -485,13 +511,18 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
     result->info.bytes = info.memory_bytes;
     UMB__TRY(umb_query_prepare(asset, &settings, &query, error));
     answer(view, (struct asking){.query = &query, .values = values}, result);
-    if (!box) {
-        compare(view, view->truth[UMBT_POINT], values, result);
-        return UMB_OK;
+    if (kind != UMBT_BOX) {
+        compare(view, view->truth[kind], values, result);
+    } else {
+        box_truth(view, &view->frustum, &truth);
+        truth.by_normal = 0;
+        memcpy(truth.origin, info.origin, sizeof truth.origin);
+        UMB__TRY(umb_asset_get_light(asset, 0, &light));
+        UMB__TRY(umb_asset_get_frustum(asset, light.first_frustum, &truth.frustum));
+        UMB__TRY(box_compare((struct tracing){view, &truth, NULL, NULL}, values, result, error));
     }
-    box_truth(view, &view->frustum, &truth);
-    memcpy(truth.origin, info.origin, sizeof truth.origin);
-    UMB__TRY(umb_asset_get_light(asset, 0, &light));
-    UMB__TRY(umb_asset_get_frustum(asset, light.first_frustum, &truth.frustum));
-    return box_compare((struct tracing){view, &truth, NULL, NULL}, values, result, error);
+    if (!penumbra) {
+        answer_scalar(view, &query, values, result);
+    }
+    return UMB_OK;
 }

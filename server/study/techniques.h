@@ -34,6 +34,9 @@ struct umbt_technique_view {
     float *depth; /* [resolution^2] */
     struct umbt_gbuffer buffer;
     float *truth[UMBT_TECHNIQUE_TRUTHS]; /* [receivers] */
+    /* [receivers], borrowed: gets the truth that a technique was compared with, of its own filter;
+     * NULL: not wanted. */
+    float *compared;
 };
 
 /*
@@ -70,6 +73,7 @@ struct umbt_technique_result {
     struct umb_map_info info;
     double build_s;               /* CPU time */
     struct umbt_time time;        /* CPU time of a point on one thread */
+    struct umbt_time scalar;      /* the same without vector instructions; assets only */
     double mean, lighter, darker; /* mean of |answer - truth|, and its two parts */
     double over_half;             /* share of points off by more than 0.5 */
     uint32_t seam_count;          /* 0: no cascades */
@@ -90,6 +94,10 @@ UMB_CHECKED enum umb_status umbt_sheet_begin(struct umbt_sheet *sheet, const cha
 /* Draws the view as drawing number `tile`, with `values` as the visibilities of its points. */
 void umbt_sheet_draw(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
                      const float *values);
+
+/* Writes a name into the upper left corner of a drawing. */
+void umbt_sheet_label(struct umbt_sheet *sheet, size_t tile, const struct umbt_technique_view *view,
+                      const char *name);
 
 /* Writes the sheet. Fails: as umbt_picture_write. */
 UMB_CHECKED enum umb_status umbt_sheet_write(const struct umbt_sheet *sheet,
@@ -130,7 +138,8 @@ UMB_CHECKED enum umb_status umbt_dag_open(const struct umbt_technique_view *view
                                           struct umb_asset **asset, struct umb_error *error);
 
 /* Queries and compares an asset. truth: POINT: one tap against one ray; BOX: the view's filter, in
- * voxels, against rays over its box. In result->info only `bytes` is set. */
+ * voxels, against rays over its box; PENUMBRA: the penumbra filter against the light's disc. In
+ * result->info only `bytes` is set. Fails: the errors of umb_query_prepare; E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_dag_run(const struct umbt_technique_view *view,
                                          const struct umb_asset *asset,
                                          enum umbt_technique_truth truth, float *values,

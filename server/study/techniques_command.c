@@ -64,6 +64,10 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBT_SETUP},
 };
 
+/* Names of the drawings of the truths, in the order of enum umbt_technique_truth. */
+static const char *const TRUTH_LABELS[UMBT_TECHNIQUE_TRUTHS] = {"traced: box", "traced: point",
+                                                                "traced: penumbra"};
+
 /* Truths of the rows of an asset. */
 static const enum umbt_technique_truth DAG_TRUTHS[] = {UMBT_POINT, UMBT_BOX};
 
@@ -123,12 +127,15 @@ static enum umb_status rows_run(struct techniques *t, struct umb_error *error)
 {
     for (size_t i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
         umbt_sheet_draw(&t->sheet, i, &t->view, t->view.truth[i]);
+        umbt_sheet_label(&t->sheet, i, &t->view, TRUTH_LABELS[i]);
     }
     size_t tile = UMBT_TECHNIQUE_TRUTHS;
     for (size_t i = 0; i < t->row_count; i++) {
         if (is_chosen(t, i)) {
+            char name[16];
             UMB__TRY(row_run(t, i, error));
-            umbt_sheet_draw(&t->sheet, tile++, &t->view, t->values);
+            umbt_sheet_draw(&t->sheet, tile, &t->view, t->values);
+            umbt_sheet_label(&t->sheet, tile++, &t->view, row_name(t, i, name, sizeof name));
         }
     }
     return umbt_sheet_write(&t->sheet, error);

@@ -9,12 +9,14 @@
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
+#define LAMP_SHARE 1e-6 /* share of the way at its end that rays to points of a lamp leave out */
 
 struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
                                 const double origin[3], const struct umb_frustum_info *frustum)
 {
     return (struct umbt_truth){
         .rays = scene->rays,
+        .layers = scene->casts.layers,
         .to_light = {to_light[0], to_light[1], to_light[2]},
         .diagonal_m = scene->diagonal_m,
         .origin = {origin[0], origin[1], origin[2]},
@@ -47,6 +49,34 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
     return 0.0;
 }
 
+/* Returns 1 if the bias lifts points along the light: the automatic one of parallel light. */
+static int lifts(const struct umbt_truth *truth)
+{
+    return truth->lamp == NULL && truth->settings.bias_mode == UMB_BIAS_AUTO &&
+           truth->settings.level == 0 && !truth->by_normal;
+}
+
+/* Returns the longest lift in metres. */
+static double longest_lift(const struct umbt_truth *truth, const struct umb_frustum_info *frustum)
+{
+    const double(*step)[3] = frustum->voxel_step;
+    const double taps = truth->settings.taps > 0 ? (double)truth->settings.taps : 1.0;
+    return (2.0 * taps - 0.5) * 0.5 * (umb__length(step[0]) + umb__length(step[1]));
+}
+
+void umbt_truth_move(const struct umbt_truth *truth, const struct umb_frustum_info *frustum,
+                     const double point[3], const double normal[3], double moved[3])
+{
+    const double need = umbt_truth_bias(&truth->settings, frustum, normal);
+    const double facing = umb__dot(normal, truth->to_light);
+    double lift = 0.0;
+    if (lifts(truth) && facing > 0.0) {
+        lift = fmin(need / facing, longest_lift(truth, frustum));
+    }
+    umbt_along(point, need - lift * facing, normal, moved);
+    umbt_along(moved, lift, truth->to_light, moved);
+}
+
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3])
 {
@@ -70,10 +100,8 @@ static double row_of(const struct umb_frustum_info *frustum, int row, const doub
     return umb__dot(frustum->world_to_voxel[row], p) + frustum->world_to_voxel[row][3];
 }
 
-/* Makes the frustum of a point, with the size of voxels there. A lamp's voxels grow with the
- * distance along the axis, and lie along the ray. */
-static void frustum_at(const struct umbt_truth *truth, const double point[3],
-                       struct umb_frustum_info *at)
+void umbt_truth_frustum_at(const struct umbt_truth *truth, const double point[3],
+                           struct umb_frustum_info *at)
 {
     const struct umb_frustum_info *face = &truth->frustum;
     double w = 1.0, ray[3];
@@ -99,12 +127,22 @@ static void frustum_at(const struct umbt_truth *truth, const double point[3],
     }
 }
 
-static int ray_reaches(const struct umbt_truth *truth, const double from[3])
+/* Share of light that arrives along a ray. */
+static double ray_share(const struct umbt_truth *truth, const double from[3],
+                        const double towards[3], double far_m)
+{
+    return umbr_occluded(truth->rays, from, towards, 0.0, far_m)
+               ? 0.0
+               : umbr_layers_pass(truth->layers, from, towards, far_m);
+}
+
+/* Share of light that arrives from the lamp, or along parallel light. */
+static double light_share(const struct umbt_truth *truth, const double from[3])
 {
     double towards[3];
     const double far = umbt_towards_light(truth->lamp, truth->to_light, from, towards);
-    return !umbr_occluded(truth->rays, from, towards, 0.0,
-                          truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
+    return ray_share(truth, from, towards,
+                     truth->lamp != NULL ? far : FAR_FACTOR * truth->diagonal_m);
 }
 
 /* A window: side x side starts of rays, `pitch` texels apart, centred `centre` texels from the
@@ -112,19 +150,39 @@ static int ray_reaches(const struct umbt_truth *truth, const double from[3])
 struct window {
     double moved[3];
     double centre[2];
+    double deeper; /* voxels of depth behind the moved point */
     double pitch;
     uint32_t side;
     struct umb_frustum_info frustum; /* frustum at the moved point */
 };
 
+/* Returns the voxels by which the look-up of a lifted window is deeper than the moved point: the
+ * lift counts from the plane's depth at the centre of the window, and clears half a texel less. */
+static double follow_plane(const struct umbt_truth *truth, const double normal[3],
+                           const struct window *window)
+{
+    const double(*step)[3] = window->frustum.voxel_step;
+    const double need = umbt_truth_bias(&truth->settings, &window->frustum, normal);
+    const double facing = umb__dot(normal, truth->to_light), depth = umb__dot(normal, step[2]);
+    double deeper = 0.0;
+    if (!lifts(truth) || window->side == 1 ||
+        need > facing * longest_lift(truth, &window->frustum)) {
+        return 0.0;
+    }
+    for (int k = 0; k < 2; k++) {
+        const double slope = -umb__dot(normal, step[k]) / depth;
+        deeper += slope * window->centre[k] + 0.5 * fabs(slope);
+    }
+    return deeper;
+}
+
 /* Makes the window of the query: the centres of its texels, at the moved point's depth. */
 static void texel_window(const struct umbt_truth *truth, const double point[3],
                          const double normal[3], struct window *window)
 {
-    frustum_at(truth, point, &window->frustum);
-    umbt_along(point, umbt_truth_bias(&truth->settings, &window->frustum, normal), normal,
-               window->moved);
-    frustum_at(truth, window->moved, &window->frustum);
+    umbt_truth_frustum_at(truth, point, &window->frustum);
+    umbt_truth_move(truth, &window->frustum, point, normal, window->moved);
+    umbt_truth_frustum_at(truth, window->moved, &window->frustum);
     const double w = row_of(&window->frustum, 3, truth->origin, window->moved);
     for (int k = 0; k < 2; k++) {
         const double at = row_of(&window->frustum, k, truth->origin, window->moved) / w;
@@ -132,6 +190,15 @@ static void texel_window(const struct umbt_truth *truth, const double point[3],
     }
     window->pitch = 1.0;
     window->side = truth->settings.taps > 0 ? truth->settings.taps : 1;
+    window->deeper = follow_plane(truth, normal, window);
+}
+
+void umbt_truth_look_up(const struct umbt_truth *truth, const double point[3],
+                        const double normal[3], double at[3])
+{
+    struct window window;
+    texel_window(truth, point, normal, &window);
+    umbt_along(window.moved, window.deeper, window.frustum.voxel_step[2], at);
 }
 
 /* Start of ray i, row by row. */
@@ -142,16 +209,17 @@ static void window_start(const struct window *window, uint32_t i, double start[3
     const double y = window->centre[1] + ((double)(i / window->side) - middle) * window->pitch;
     umbt_along(window->moved, x, window->frustum.voxel_step[0], start);
     umbt_along(start, y, window->frustum.voxel_step[1], start);
+    umbt_along(start, window->deeper, window->frustum.voxel_step[2], start);
 }
 
 static float window_visibility(const struct umbt_truth *truth, const struct window *window)
 {
     const uint32_t count = window->side * window->side;
-    uint32_t lit = 0;
+    double lit = 0.0;
     for (uint32_t i = 0; i < count; i++) {
         double start[3];
         window_start(window, i, start);
-        lit += ray_reaches(truth, start) ? 1U : 0U;
+        lit += light_share(truth, start);
     }
     return (float)lit / (float)count;
 }
@@ -197,25 +265,72 @@ static void square_to_disc(double a, double b, double *x, double *y)
     *y = radius * (wide ? sin(turn) : cos(turn));
 }
 
-/* Share of the rays over the light's disc that reach it. */
+/* A light with an extent: its points are middle + a half[0] + b half[1], with a and b in the unit
+ * disc or the square -1..1. The middle of parallel light is a direction. */
+struct area {
+    double half[2][3];
+    int is_round;
+};
+
+static struct area area_of(const struct umbt_truth *truth, const double from[3])
+{
+    const struct umb_light_info *lamp = truth->lamp;
+    struct area area = {.is_round = lamp == NULL || lamp->kind != UMB_LIGHT_RECTANGLE};
+    double radius = lamp != NULL ? lamp->extent / 2 : tan(truth->extent / 2), towards[3];
+    if (!area.is_round) {
+        umb__cross(lamp->side, lamp->direction, area.half[1]);
+        (void)umbt_normalize(area.half[1]);
+        for (int k = 0; k < 3; k++) {
+            area.half[0][k] = lamp->side[k] / 2;
+            area.half[1][k] *= radius;
+        }
+        return area;
+    }
+    (void)umbt_towards_light(lamp, truth->to_light, from, towards);
+    /* A sphere is the disc across the way to it; a flat one stands as it is. */
+    across(lamp != NULL && lamp->kind == UMB_LIGHT_DISC ? lamp->direction : towards, area.half[0],
+           area.half[1]);
+    for (int k = 0; k < 3; k++) {
+        area.half[0][k] *= radius;
+        area.half[1][k] *= radius;
+    }
+    return area;
+}
+
+/* Share of the rays to the light's points that reach it. */
 static float disc_visibility(const struct umbt_truth *truth, const double from[3],
                              const double normal[3])
 {
-    const double radius = tan(truth->extent / 2), side = (double)truth->samples;
-    double u[3], v[3], x, y;
-    uint32_t lit = 0;
-    across(truth->to_light, u, v);
+    const struct area area = area_of(truth, from);
+    const double side = (double)truth->samples;
+    double lit = 0.0;
     for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
-        double direction[3];
-        square_to_disc(2 * (i % truth->samples + 0.5) / side - 1,
-                       2 * (i / truth->samples + 0.5) / side - 1, &x, &y);
-        umbt_along(truth->to_light, radius * x, u, direction);
-        umbt_along(direction, radius * y, v, direction);
+        double direction[3], x = 2 * (i % truth->samples + 0.5) / side - 1;
+        double y = 2 * (i / truth->samples + 0.5) / side - 1;
+        if (area.is_round) {
+            square_to_disc(x, y, &x, &y);
+        }
+        if (truth->lamp != NULL) {
+            umb__subtract(truth->lamp->position, from, direction);
+        } else {
+            umbt_along(truth->to_light, 0, normal, direction);
+        }
+        umbt_along(direction, x, area.half[0], direction);
+        umbt_along(direction, y, area.half[1], direction);
+        const double far = umb__length(direction);
         (void)umbt_normalize(direction);
-        lit += umb__dot(direction, normal) > 0.0 &&
-               !umbr_occluded(truth->rays, from, direction, 0.0, FAR_FACTOR * truth->diagonal_m);
+        const double reach =
+            truth->lamp != NULL ? far * (1 - LAMP_SHARE) : FAR_FACTOR * truth->diagonal_m;
+        lit += umb__dot(direction, normal) > 0.0 ? ray_share(truth, from, direction, reach) : 0.0;
     }
     return (float)lit / (float)(truth->samples * truth->samples);
+}
+
+/* Returns whether a point lies behind the plane of an area light, which shines to one side. */
+static int is_behind(const struct umb_light_info *lamp, const double towards[3])
+{
+    return lamp != NULL && (lamp->kind == UMB_LIGHT_RECTANGLE || lamp->kind == UMB_LIGHT_DISC) &&
+           !(umb__dot(towards, lamp->direction) < 0.0);
 }
 
 float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
@@ -224,7 +339,7 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     struct window window;
     double towards[3];
     (void)umbt_towards_light(truth->lamp, truth->to_light, point, towards);
-    if (!(umb__dot(normal, towards) > 0.0)) {
+    if (!(umb__dot(normal, towards) > 0.0) || is_behind(truth->lamp, towards)) {
         return 0.0F;
     }
     if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {
@@ -232,12 +347,13 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
         if (truth->kind == UMBT_TRUTH_DISC) {
             return disc_visibility(truth, window.moved, normal);
         }
-        return ray_reaches(truth, window.moved) ? 1.0F : 0.0F;
+        return (float)light_share(truth, window.moved);
     }
     texel_window(truth, point, normal, &window);
     if (truth->kind == UMBT_TRUTH_AREA) {
         window.centre[0] = 0.0;
         window.centre[1] = 0.0;
+        window.deeper = 0.0;
         window.pitch = (double)window.side / (double)truth->samples;
         window.side = truth->samples;
     }

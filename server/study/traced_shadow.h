@@ -2,14 +2,15 @@
 #ifndef UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 #define UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 /*
- * Shadows by rays, the reference for an asset's pictures.
+ * Shadows by rays, the reference for an asset's pictures. A ray that meets no opaque caster brings
+ * the product of what the translucent casters on it let through.
  *
  * Four references, each towards the light from points outside the surface, 0 where the normal faces
  * away:
  *
  * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1. The point is moved as the query
  *   moves it (computed here from the documented formula, not by the query). n x n rays start at the
- *   centres of the n x n texels around the moved point's texel, all at the moved point's own depth.
+ *   centres of the n x n texels around the moved point's texel, all at the depth of the look-up.
  *   The footprint is the same, but each texel's answer is traced; the remaining difference is the
  *   quantisation of depth to voxels.
  * - UMBT_TRUTH_AREA: like TEXELS, with samples x samples rays spread evenly over the n texels wide
@@ -17,8 +18,9 @@
  * - UMBT_TRUTH_SURFACE, the default for one tap: one ray from the surface. The remaining difference
  *   includes everything: resolution, bias and filter.
  * - UMBT_TRUTH_DISC, the default for penumbras: samples x samples rays from the surface, spread
- *   evenly over the light's disc (the concentric map of Shirley and Chiu 1997). The remaining
- *   difference includes everything. Parallel light only.
+ *   evenly over the light: its disc (the concentric map of Shirley and Chiu 1997), its rectangle,
+ *   or the disc across the way to a spot or point light. The remaining difference includes
+ *   everything.
  *
  * Precision: for the last two, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
@@ -34,12 +36,14 @@ enum umbt_truth_kind {
 };
 
 struct umbt_truth {
-    const struct umbr_rays *rays; /* borrowed */
+    const struct umbr_rays *rays;     /* borrowed */
+    const struct umbr_layers *layers; /* translucent casters, borrowed; NULL: none */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
-    uint32_t samples;                  /* AREA and DISC: rays a side, 1..64 */
-    double extent;                     /* DISC: angular diameter of the light in radians */
-    double to_light[3];                /* unit; of parallel light */
+    uint32_t samples;   /* AREA and DISC: rays a side, 1..64 */
+    double extent;      /* DISC: angular diameter of parallel light in radians; lamps have theirs */
+    double to_light[3]; /* unit; of parallel light */
+    int by_normal; /* 1: the automatic bias moves along the normal, as that of shadow maps does */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */
     const struct umb_frustum_info *frusta; /* frusta of the lamp, borrowed; TEXELS and AREA */
     uint32_t frustum_count;
@@ -59,13 +63,31 @@ struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_
 double umbt_towards_light(const struct umb_light_info *lamp, const double to_light[3],
                           const double point[3], double towards[3]);
 
+/* Makes the frustum of a point, with the size of voxels there. A lamp's voxels grow with the
+ * distance along the axis, and lie along the ray. */
+void umbt_truth_frustum_at(const struct umbt_truth *truth, const double point[3],
+                           struct umb_frustum_info *at);
+
 /*
- * Returns the distance in metres by which a point is moved along its unit normal, as
- * umbrage/query.h documents for points with normals. Pure.
+ * Returns the distance in metres along its unit normal that a point needs, as umbrage/query.h
+ * documents for points with normals. Pure.
  * In: frustum: with the voxel_step at the point.
  */
 double umbt_truth_bias(const struct umb_query_settings *settings,
                        const struct umb_frustum_info *frustum, const double normal[3]);
+
+/*
+ * Moves a point off its surface as queries do: the automatic bias of parallel light lifts it along
+ * the light, all else moves it along its unit normal. Pure.
+ * In: frustum: with the voxel_step at the point. truth: settings, lamp, to_light.
+ */
+void umbt_truth_move(const struct umbt_truth *truth, const struct umb_frustum_info *frustum,
+                     const double point[3], const double normal[3], double moved[3]);
+
+/* Computes the look-up of a query's window: the moved point at the depth of its window. In: as
+ * umbt_truth_move, and origin. */
+void umbt_truth_look_up(const struct umbt_truth *truth, const double point[3],
+                        const double normal[3], double at[3]);
 
 /*
  * Returns 1 if a texel of the point's filter window lies, at the moved point's depth, inside a
@@ -75,7 +97,8 @@ double umbt_truth_bias(const struct umb_query_settings *settings,
 int umbt_truth_is_undefined(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);
 
-/* Share of the reference's rays that reach the light. Threads: any. */
+/* Mean share of light that arrives along the reference's rays: 0 or 1 for each, or the product of
+ * what the translucent casters on it let through. Threads: any. */
 float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3],
                             const double normal[3]);
 

@@ -65,7 +65,8 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage verify FILE --scene SCENE [options]",
     .summary = "Compares an asset with rays traced through the scene it was baked from. Half of\n"
                "the points lie within 4 voxels of a shadow boundary; of an asset baked under the\n"
-               "static rule all lie on surfaces. Disagreement within one voxel of a boundary is\n"
+               "static rule all lie on surfaces. Behind translucent casters the light that they\n"
+               "leave is compared, too. Disagreement within one voxel of a boundary is\n"
                "counted; outside that band there must be none.",
     .notes = "Exit codes: 0 agrees, 1 disagrees outside the band, 2 usage, 65 bad data (also\n"
              "another scene), 66 no input, 69 unavailable, 74 I/O, 75 temporary.",
@@ -100,10 +101,8 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;
     }
-    const unsigned flags =
-        (umbt_plan_has(verify->info.plan, "cut-out") ? 0 : UMBT_SCENE_WHOLE) |
-        (umbt_plan_has(verify->info.plan, "transmittance") ? UMBT_SCENE_THROUGH : 0);
-    UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path, flags, error));
+    UMB__TRY(umbt_scene_init(&verify->common.scene, verify->common.scene_path,
+                             umbt_scene_flags_of(verify->info.plan), error));
     return umbt_common_match(&verify->common, verify->file, verify->info.scene_hash, error);
 }
 
@@ -152,6 +151,7 @@ static enum umb_status lights_verify(struct verify *verify, struct umb_error *er
             .seed = verify->common.seed,
             .closed =
                 light_is_closed(verify->asset, light) ? verify->common.scene.parts.closed : NULL,
+            .layers = verify->common.scene.casts.layers,
             .threads = verify->common.threads,
             .progress = show_compared,
             .progress_user = &compared,
@@ -197,6 +197,9 @@ static void report_text(const struct verify *verify)
         if (verify->kind == UMBR_VERIFY_POINTS && verify->info.receiver_mask_bytes == 0) {
             printf("%" PRIu64 " near a boundary, ", result->near_boundary);
         }
+        if (result->translucent > 0) {
+            printf("%" PRIu64 " behind translucent casters, ", result->translucent);
+        }
         printf("%" PRIu64 " inside solids left out\n"
                "  inside the band:  %" PRIu64 " disagree (%.4f %%)\n"
                "  outside the band: %" PRIu64 " disagree (%.6f %%)\n",
@@ -231,7 +234,7 @@ static void report_json(const struct verify *verify)
         UMBU_JSON_COUNTS(&json, {"light", verify->first_light + i}, {"records", result->records},
                          {"points", result->points}, {"near_boundary", result->near_boundary},
                          {"skipped_inside", result->skipped_inside},
-                         {"inside_band", result->inside_band},
+                         {"translucent", result->translucent}, {"inside_band", result->inside_band},
                          {"outside_band", result->outside_band});
         UMBU_JSON_VALUES(&json, 9, {"inside_rate", rate(result->inside_band, result->points)},
                          {"outside_rate", rate(result->outside_band, result->points)});

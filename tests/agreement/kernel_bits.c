@@ -9,7 +9,8 @@
  * along which the automatic bias moves them. For 1, 9 and 17 taps the
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
  * the same bits, the kernels must count the same, and every 64th answer must be that of the walk
- * which looks up a window alone.
+ * which looks up a window alone. Tents and footprints of all widths of the same points must have
+ * equal bits and counts by every kernel.
  * Prints what it compared; 1 where two differ.
  */
 #include <math.h>
@@ -18,7 +19,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "query/query_parts.h"
+#include "query/kernels.h"
 
 #define CHUNK   65536U
 #define THREADS 4U
@@ -27,6 +28,7 @@
 struct way {
     const char *name;
     umb__kernel_fn run;
+    struct umb__kernels kernels;
 };
 
 static double points[CHUNK][3];
@@ -149,13 +151,11 @@ static int compare_walk(const struct umb__query *q)
     int wrong = 0;
     for (uint32_t i = 0; i < CHUNK; i += 64) {
         struct umb_query_stats stats = {0};
-        double p[3], v[3];
-        memcpy(p, points[i], sizeof p);
-        if (!umb__move(q, &batch, i, p)) {
+        double v[3];
+        if (!umb__voxel_at(q, &batch, i, v)) {
             wrong += answers[0][i] != 0;
             continue;
         }
-        umb__to_voxel(q, p, v);
         const struct umb__window window = umb__window_at(q, v, &stats);
         const uint32_t lit =
             window.all_lit ? total : window.outside + umb__count_window(q, &window, &stats);
@@ -183,9 +183,48 @@ static int check_chunk(const struct umb_query *query, const struct way *ways, si
     return wrong + compare_walk(q);
 }
 
+/* Tents and footprints of the points. Out: number of kernels whose bits or counts differ. */
+static int check_filters(const struct umb_asset *asset, const struct umb_query *query,
+                         const struct way *ways, size_t way_count)
+{
+    const struct umb__query *box = (const struct umb__query *)(const void *)query->opaque;
+    const double edge = umb__length(box->voxel_step[0]);
+    int wrong = 0;
+    for (unsigned turn = 0; turn < 6; turn++) {
+        const bool tent = turn == 0;
+        const struct umb_query_settings settings = {
+            .taps = (uint32_t)box->taps,
+            .bias_mode = box->bias_mode,
+            .filter = tent ? UMB_FILTER_TENT : UMB_FILTER_FOOTPRINT,
+            .footprint_m = tent ? 0 : box->taps * edge * (0.7 * (1U << 2 * turn))};
+        struct umb_query_stats counted = {0};
+        struct umb_query prepared;
+        if (umb_query_prepare(asset, &settings, &prepared, NULL) != UMB_OK) {
+            return 1;
+        }
+        for (size_t w = 0; w < way_count; w++) {
+            struct umb__query q;
+            memcpy(&q, prepared.opaque, sizeof q);
+            struct umb_answers to = {.values = answers[w > 0]};
+            const struct umb_points batch = batch_of(&q);
+            q.kernels = &ways[w].kernels;
+            memset(answers[w > 0], 0xff, sizeof answers[0]);
+            (tent ? ways[w].kernels.tents : q.run)(&q, &batch, 0, CHUNK, &to);
+            wrong += memcmp(answers[0], answers[w > 0], sizeof answers[0]) != 0;
+            counted = w == 0 ? to.stats : counted;
+            wrong += memcmp(&counted, &to.stats, sizeof counted) != 0;
+        }
+    }
+    return wrong;
+}
+
 static int check_asset(const char *path, size_t count)
 {
-    struct way ways[3] = {{"base", umb__kernel_base}};
+    struct way ways[3] = {{"base",
+                           umb__kernel_base,
+                           {.tents = umb__tent_base,
+                            .receivers = umb__receivers_base,
+                            .squares = umb__squares_base}}};
     size_t way_count = 1;
     uint64_t state = 20261121;
     struct umb_asset *asset;
@@ -193,10 +232,18 @@ static int check_asset(const char *path, size_t count)
     int wrong = 0;
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
-        ways[way_count++] = (struct way){"avx2", umb__kernel_avx2};
+        ways[way_count++] = (struct way){"avx2",
+                                         umb__kernel_avx2,
+                                         {.tents = umb__tent_avx2,
+                                          .receivers = umb__receivers_avx2,
+                                          .squares = umb__squares_avx2}};
         if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
             __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd")) {
-            ways[way_count++] = (struct way){"avx512", umb__kernel_avx512};
+            ways[way_count++] = (struct way){"avx512",
+                                             umb__kernel_avx512,
+                                             {.tents = umb__tent_avx512,
+                                              .receivers = umb__receivers_avx512,
+                                              .squares = umb__squares_avx512}};
         }
     }
 #endif
@@ -220,6 +267,7 @@ static int check_asset(const char *path, size_t count)
                         &state);
             make_normals(&state);
             wrong += check_chunk(query, ways, way_count);
+            wrong += check_filters(asset, query, ways, way_count);
         }
     }
     umb_asset_close(asset);

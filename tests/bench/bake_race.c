@@ -84,7 +84,11 @@ static uint64_t octree_pack(const struct bench_scene *scene, int closed_rule, un
     bench_must(umbu_threads_create(threads, &jobs, &error), &error, "threads");
     const struct umb_sink sink = {count_bytes, &bytes};
     const struct umb_workers workers = umbu_threads_workers(jobs);
-    const struct umb__pack_job job = {&content, octree, &umbs_sha256, &sink, &workers, NULL};
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = octree,
+                                      .sha256 = &umbs_sha256,
+                                      .sink = &sink,
+                                      .workers = &workers};
     bench_must(umb__pack_run(&job, id, &error), &error, "pack");
     umbu_threads_destroy(jobs);
     return bytes;

@@ -24,7 +24,7 @@ $(BENCH_PROGRAMS): $(BUILD)/%: $(BUILD)/tests/bench/%.o $(BENCH_SHARED) $(BENCH_
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
 
-$(BUILD)/bench_query: $(BENCH_VOLUME)
+$(BUILD)/bench_query: $(BUILD)/tests/bench/bench_filters.o $(BENCH_VOLUME)
 $(BUILD)/bench_frames: $(BUILD)/tests/bench/vsm_peer_avx2.o
 $(BUILD)/tests/bench/vsm_peer_avx2.o: AVX2_FLAGS += -O3
 
@@ -83,6 +83,9 @@ $(foreach effect,$(EFFECT_SWITCHES),$(eval $(call without_effect,$(effect))))
 $(BUILD)/failure_pictures: $(BUILD)/tests/bench/failure_pictures.o $(HARNESS_OBJ) $(TEST_LIBS_study)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -lcmocka -o $@
+$(BUILD)/picture_sheet: $(BUILD)/tests/bench/picture_sheet.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 failure-pictures: $(BUILD)/failure_pictures ## how shadow maps fail and what helps: docs/pictures/failures.png
 	@$< docs/pictures/failures.png
 .PHONY: failure-pictures
@@ -147,6 +150,24 @@ bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_querie
 	for scene in city terrain; do echo "$$scene, 4096 voxels a side:"; \
 		$(BUILD)/bench_volume_queries $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
 .PHONY: bench-volume-queries
+
+# Far views: footprints, and MRAA and VOAA of Sintorn et al. 2014, against the mean over a pixel. The
+# levels of MRAA are bakes of their own.
+$(BUILD)/far_views: $(BUILD)/tests/bench/far_views.o $(BUILD)/tests/bench/far_modes.o $(BUILD)/tests/bench/bench_report.o \
+		$(BENCH_STUDY) $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(BENCH_SYS) -o $@
+FAR_city    := city --size 59
+FAR_terrain := terrain --size 1024
+FAR_CAMERA_city    := eye=0,-1500,700,target=0,0,0,fov=12
+FAR_CAMERA_terrain := eye=0,-6000,3000,target=0,0,0,fov=12
+far-views: $(BUILD)/umbrage-bake $(BUILD)/scenegen $(BUILD)/far_views ## table of far views: one tap, windows, MRAA, VOAA, footprints
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT; \
+	$(foreach scene,city terrain,$(BUILD)/scenegen $(FAR_$(scene)) --format ply -o $$folder/$(scene).ply && \
+	for n in 16384 8192 4096 2048 1024 512; do $(BUILD)/umbrage-bake $$folder/$(scene).ply -o $$folder/$$n.umb --closed off \
+		--resolution $$n --sun 135,40 --up z --quiet --verify 0 || exit 1; done && echo "$(scene):" && \
+	$(BUILD)/far_views $$folder/$(scene).ply $(FAR_CAMERA_$(scene)) $$folder &&) true
+.PHONY: far-views
 
 # The depth map of one view, for tests/bench/paging_figures.py.
 $(BUILD)/depth_view: $(BUILD)/tests/bench/depth_view.o $(CORE_LIB)

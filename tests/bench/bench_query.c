@@ -16,6 +16,7 @@
 #include <string.h>
 
 #include "bench_arguments.h"
+#include "bench_filters.h"
 #include "bench_machine.h"
 #include "bench_map16.h"
 #include "bench_nanovdb.h"
@@ -387,6 +388,7 @@ static void race_run(const struct stage *stage, const struct bench_asset *asset,
         race_once(&race);
     }
     race_report(&race);
+    bench_filters_race(race.name, &stage->scene, asset, points);
     free(race.lines.lines);
     free(race.answers);
     free(race.other);

@@ -204,7 +204,11 @@ static void packed_bake(const struct bench_scene *scene, int closed_rule, struct
     struct umbu_threads *jobs;
     bench_must(umbu_threads_create(umbu_processor_count(), &jobs, &error), &error, "threads");
     const struct umb_workers workers = umbu_threads_workers(jobs);
-    const struct umb__pack_job job = {&content, &octree, &umbs_sha256, &sink, &workers, NULL};
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = &umbs_sha256,
+                                      .sink = &sink,
+                                      .workers = &workers};
     bench_must(umb__pack_run(&job, id, &error), &error, "pack");
     umbu_threads_destroy(jobs);
     umb__octree_finish(&octree);

@@ -42,14 +42,10 @@ static uint32_t inside(double v, uint32_t size)
 
 static void add_point(struct view *v, const struct umb_points *points, size_t i)
 {
-    double p[3], voxel[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = umb__coordinate(points, i, axis) - v->q.origin[axis];
-    }
-    if (!umb__move(&v->q, points, i, p)) {
+    double voxel[3];
+    if (!umb__voxel_at(&v->q, points, i, voxel)) {
         return;
     }
-    umb__to_voxel(&v->q, p, voxel);
     const uint32_t x0 = inside(floor(voxel[0]) - v->half, v->size);
     const uint32_t x1 = inside(floor(voxel[0]) + v->half, v->size);
     const uint32_t y0 = inside(floor(voxel[1]) - v->half, v->size);

@@ -11,13 +11,14 @@
 #include <stdio.h>
 
 #include "../unit/maps/maps_fixture.h"
-#include "study/picture.h"
+#include "study/picture_text.h"
 #include "umbrage/cascades.h"
 
 enum {
     WIDTH = 192,
     HEIGHT = 96,
     GAP = 6,
+    TITLE = 12, /* height of a panel's name */
     PANELS = 5,
     ROWS = 4,
     TAPS = 9
@@ -41,13 +42,16 @@ static void place(int x, int y, double at[3])
     at[2] = (double)receiver[y][x];
 }
 
-static void paint(int row, int column, const float *values)
+/* Paints a panel below its name. */
+static void paint(int row, int column, const char *name, const float *values)
 {
+    const size_t top = (size_t)(row * (HEIGHT + TITLE + GAP));
+    umbt_label_draw(&sheet, (uint32_t)(column * (WIDTH + GAP)), (uint32_t)top, 1, name);
     for (int y = 0; y < HEIGHT; y++) {
         for (int x = 0; x < WIDTH; x++) {
             const float value = values[y * WIDTH + x];
-            const size_t to = (size_t)(row * (HEIGHT + GAP) + y) * sheet.width +
-                              (size_t)(column * (WIDTH + GAP) + x);
+            const size_t to =
+                (top + TITLE + (size_t)y) * sheet.width + (size_t)(column * (WIDTH + GAP) + x);
             memset(&sheet.pixels[3 * to], (int)(40.0F + 215.0F * value), 3);
         }
     }
@@ -66,7 +70,7 @@ static void tell(const char *row, const char *name, const float *truth, const fl
             count++;
         }
     }
-    printf("%-12s %-26s light mean %.4f most %.3f\n", row, name, sum / count, most);
+    printf("%-16s %-26s light mean %.4f most %.3f\n", row, name, sum / count, most);
 }
 
 static void answer(const struct panel *panel, float *values)
@@ -87,10 +91,10 @@ static void draw_row(int row, const char *name, const struct panel *panels)
     static float truth[WIDTH * HEIGHT], values[WIDTH * HEIGHT];
     const struct panel pcf = {"truth", {.technique = UMB_MAP_PCF}, {.width = TAPS}};
     answer(&pcf, truth);
-    paint(row, 0, truth);
+    paint(row, 0, name, truth);
     for (int i = 0; i < PANELS - 1 && panels[i].name != NULL; i++) {
         answer(&panels[i], values);
-        paint(row, i + 1, values);
+        paint(row, i + 1, panels[i].name, values);
         tell(name, panels[i].name, truth, values);
     }
 }
@@ -122,7 +126,7 @@ static void two_occluders(void)
             occluder[y][x] = dx * dx + dy * dy < 24 * 24 ? 0.2F : 0.5F;
         }
     }
-    draw_row(0, "bleeding", panels);
+    draw_row(0, "bleeding: truth", panels);
 }
 
 /* A plate; the receiver touches it on the left and falls behind it to the right. */
@@ -142,7 +146,7 @@ static void near_occluder(void)
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         receiver[i / WIDTH][i % WIDTH] = (float)(0.501 + 0.05 * (i % WIDTH) / WIDTH);
     }
-    draw_row(1, "contact", panels);
+    draw_row(1, "contact: truth", panels);
 }
 
 /* The same plate; the receiver falls away to the far end. */
@@ -164,7 +168,7 @@ static void behind_occluder(void)
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         receiver[i / WIDTH][i % WIDTH] = (float)(0.35 + 0.6 * (i % WIDTH) / WIDTH);
     }
-    draw_row(2, "ringing", panels);
+    draw_row(2, "ringing: truth", panels);
 }
 
 /* A strip across two cascades: texels of the right half are four times as large. */
@@ -194,7 +198,8 @@ static void seam(void)
     }
     answer(&pcf, truth);
     answer(&vsm, left);
-    paint(3, 0, truth);
+    char name[32];
+    paint(3, 0, "seam of cascades: truth", truth);
     struct umb_map *fine = map_of(&frustum, &occluder[0][0], &settings);
     frustum = plain_frustum(WIDTH / COARSE, HEIGHT / COARSE);
     frustum.world_to_map[0][0] = frustum.world_to_map[1][1] = 1.0 / COARSE;
@@ -212,9 +217,10 @@ static void seam(void)
         for (int i = 0; i < WIDTH * HEIGHT; i++) {
             right[i] = i % WIDTH < WIDTH / 2 ? left[i] : right[i];
         }
-        paint(3, panel, right);
+        (void)snprintf(name, sizeof name, "vsm, C = %.1f", panel == 1 ? 1.0 : match.contrast);
+        paint(3, panel, name, right);
     }
-    printf("%-12s C = 1: %.3f, C = %.1f: %.3f, root mean square under the strip\n", "seam",
+    printf("%-16s C = 1: %.3f, C = %.1f: %.3f, root mean square under the strip\n", "seam",
            match.difference, match.contrast, match.after);
     umb_map_destroy(fine);
     umb_map_destroy(far);
@@ -227,7 +233,7 @@ int main(int argc, char **argv)
         (void)fprintf(stderr, "usage: failure_pictures OUT.png\n");
         return 2;
     }
-    if (umbt_picture_init(&sheet, PANELS * (WIDTH + GAP) - GAP, ROWS * (HEIGHT + GAP) - GAP,
+    if (umbt_picture_init(&sheet, PANELS * (WIDTH + GAP) - GAP, ROWS * (HEIGHT + TITLE + GAP) - GAP,
                           &error) != UMB_OK) {
         return 1;
     }

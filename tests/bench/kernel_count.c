@@ -3,8 +3,9 @@
  * What tests/system/test_kernel_counts.sh lets valgrind count: one kernel over one small batch.
  *
  *     kernel_count write FILE             makes the asset, in its mapped form
- *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is base, avx2 or penumbra, or
- *                                         query: by umb_query_run, as a program does
+ *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is a row of KERNELS, or query:
+ *                                         by umb_query_run, as a program does. Footprints are FAR
+ *                                         windows wide.
  *
  * The ground repeats every 32 texels, so that the asset is small, its grid coarse and every stage
  * of a kernel has work; the points run over it line by line, a few voxels above and below.
@@ -14,7 +15,7 @@
 #include <string.h>
 
 #include "make_asset.h"
-#include "query/query_parts.h"
+#include "query/kernels.h"
 
 enum {
     LOG2 = 8,
@@ -61,17 +62,48 @@ static void make_points(float points[][3])
     }
 }
 
+#define FAR 12 /* Footprints in windows: between two levels above the window */
+
+static const struct row {
+    const char *name;
+    enum umb_filter filter;
+    umb__kernel *run; /* NULL: the query's own, with these kernels of footprints */
+    struct umb__kernels kernels;
+} KERNELS[] = {
+    {"base", UMB_FILTER_BOX, umb__kernel_base, {0}},
+    {"avx2", UMB_FILTER_BOX, umb__kernel_avx2, {0}},
+    {"tent_base", UMB_FILTER_TENT, umb__tent_base, {0}},
+    {"tent_avx2", UMB_FILTER_TENT, umb__tent_avx2, {0}},
+    {"penumbra", UMB_FILTER_PENUMBRA, umb__kernel_penumbra, {0}},
+    {"footprint_base",
+     UMB_FILTER_FOOTPRINT,
+     NULL,
+     {.receivers = umb__receivers_base, .squares = umb__squares_base}},
+    {"footprint_avx2",
+     UMB_FILTER_FOOTPRINT,
+     NULL,
+     {.receivers = umb__receivers_avx2, .squares = umb__squares_avx2}},
+    {"query", UMB_FILTER_BOX, NULL, {0}},
+};
+
+static const struct row *row_of(const char *name)
+{
+    const struct row *row = KERNELS, *last = KERNELS + sizeof KERNELS / sizeof KERNELS[0] - 1;
+    while (row < last && strcmp(row->name, name) != 0) {
+        row++;
+    }
+    return row;
+}
+
 static int run(const char *path, const char *kernel, uint32_t taps)
 {
     static float points[SIDE * SIDE][3], values[SIDE * SIDE];
+    const struct row *row = row_of(kernel);
     struct umb_open_options options = {.trust = UMB_TRUST_VALIDATED};
-    struct umb_query_settings settings = {.taps = taps, .bias_mode = UMB_BIAS_NONE};
-    umb__kernel_fn fn = strcmp(kernel, "avx2") == 0 ? umb__kernel_avx2 : umb__kernel_base;
-    if (strcmp(kernel, "penumbra") == 0) {
-        settings.filter = UMB_FILTER_PENUMBRA;
-        settings.light_extent = 0.1;
-        fn = umb__kernel_penumbra;
-    }
+    struct umb_query_settings settings = {
+        .taps = taps, .bias_mode = UMB_BIAS_NONE, .filter = row->filter};
+    settings.light_extent = row->filter == UMB_FILTER_PENUMBRA ? 0.1 : 0;
+    settings.footprint_m = row->filter == UMB_FILTER_FOOTPRINT ? FAR * taps * voxel_m : 0;
     struct umb_asset *asset;
     struct umb_query query;
     struct umb_error error;
@@ -83,11 +115,14 @@ static int run(const char *path, const char *kernel, uint32_t taps)
     make_points(points);
     struct umb_points batch = {.positions = points, .count = SIDE * SIDE};
     struct umb_answers answers = {.values = values};
-    const struct umb__query *q = (const struct umb__query *)(const void *)query.opaque;
-    if (strcmp(kernel, "query") == 0) {
-        umb_query_run(&query, &batch, 0, batch.count, &answers);
+    struct umb__query q;
+    memcpy(&q, query.opaque, sizeof q);
+    q.kernels = row->filter == UMB_FILTER_FOOTPRINT ? &row->kernels : q.kernels;
+    memcpy(query.opaque, &q, sizeof q);
+    if (row->run != NULL) {
+        row->run(&q, &batch, 0, batch.count, &answers);
     } else {
-        fn(q, &batch, 0, batch.count, &answers);
+        umb_query_run(&query, &batch, 0, batch.count, &answers);
     }
     printf("points=%llu bricks=%llu\n", (unsigned long long)answers.stats.points,
            (unsigned long long)answers.stats.bricks);
@@ -103,7 +138,6 @@ int main(int argc, char **argv)
     if (argc == 5 && strcmp(argv[1], "run") == 0) {
         return run(argv[2], argv[3], (uint32_t)strtoul(argv[4], NULL, 10));
     }
-    (void)fprintf(stderr,
-                  "usage: kernel_count write FILE | run FILE base|avx2|penumbra|query TAPS\n");
+    (void)fprintf(stderr, "usage: kernel_count write FILE | run FILE KERNEL TAPS\n");
     return 2;
 }

@@ -2,10 +2,11 @@
 """The tables of docs/results/study.md, between their markers: what accuracy costs on generated and real
 scenes, beside a shadow map, a NanoVDB grid and rays. `make accuracy` runs it. A study is read from
 UMBRAGE_STUDIES/FILE-NAME if it is there, so that scenes can be measured one by one on a busy machine;
-else it is made. A time whose runs differ too much is written as -."""
+else it is made."""
 
 import json
 import os
+import re
 import sys
 import tempfile
 
@@ -43,7 +44,16 @@ def pick(report, method, resolution, taps, level=0, closed=None):
 
 
 def time_of(row):
-    return "-" if row is None or row["ns_view"] is None else f"{row['ns_view']:.0f} ± {100 * row['spread']:.0f} %"
+    return "-" if row is None else f"{row['ns_view']:.0f}"
+
+
+def share(value):
+    """A share as per cent, of two digits."""
+    return "0" if value == 0 else f"{100 * value:.2g} %"
+
+
+def metres(value):
+    return "0" if value == 0 else f"{short(value)} m" if value >= 1 else f"{short(1000 * value)} mm"
 
 
 def megabytes(row):
@@ -52,8 +62,8 @@ def megabytes(row):
 
 def peers(studies):
     """Each filter at the finest resolution, beside what else answers the same points."""
-    yield ("| scene | taps | edges within, m | visibility RMS | closed: ns, MB | open: ns, MB | depth map: ns, MB | "
-           "NanoVDB: ns, MB | Embree: ns |\n|---|---|---|---|---|---|---|---|---|\n")
+    yield ("| scene | taps | wrong | off by, mean | visibility RMS | closed: ns, MB | open: ns, MB | depth map: ns, MB | "
+           "NanoVDB: ns, MB | Embree: ns |\n|---|---|---|---|---|---|---|---|---|---|\n")
     for name, report in studies:
         rays = report["rays"]
         for taps, ray in ((1, "ns_view"), (9, "ns_area81")):
@@ -62,12 +72,12 @@ def peers(studies):
                 pick(report, "dag", FINEST, taps, closed=True), pick(report, "dag", FINEST, taps, closed=False), pick(report, "depth map", FINEST, taps),
                 pick(report, "nanovdb", FINEST, taps))]
             eight = rays["ns_view8" if taps == 1 else "ns_area81_8"]
-            yield (f"| {name if taps == 1 else ''} | {taps} | {short(ours['off_p95_m'])} | {short(ours['rms'])} | "
+            yield (f"| {name if taps == 1 else ''} | {taps} | {share(ours['wrong_view'])} | {metres(ours['off_mean_m'])} | {short(ours['rms'])} | "
                    + " | ".join(cells) + f" | {short(rays[ray])}, eight a call {short(eight)} |\n")
 
 
 def knobs(studies):
-    """Resolution, and at the finest one the filter and the level: edges, RMS, ns, kB on disk."""
+    """Resolution, and at the finest one the filter and the level: wrong answers, mean distance, ns, kB on disk."""
     yield ("\n| scene | 512 voxels a side | 1024 | 2048 | 4096 | 3 taps | 9 taps | level 3 | level 5 |\n"
            "|---|---|---|---|---|---|---|---|---|\n")
     for name, report in studies:
@@ -75,11 +85,11 @@ def knobs(studies):
         for resolution in (512, 1024, 2048, FINEST):
             row = pick(report, "dag", resolution, 1)
             bake = report["bakes"][row["bake"]]
-            cells.append(f"{short(row['off_p95_m'])} m, {short(row['rms'])}, {short(row['ns_view'])} ns, "
+            cells.append(f"{share(row['wrong_view'])}, {metres(row['off_mean_m'])}, {short(row['ns_view'])} ns, "
                          f"{short(bake['packed_bytes'] / 1e3)} kB")
         for taps, level in ((3, 0), (9, 0), (1, 3), (1, 5)):
             row = pick(report, "dag", FINEST, taps, level)
-            cells.append(f"{short(row['off_p95_m'])} m, {short(row['rms'])}, {short(row['ns_view'])} ns")
+            cells.append(f"{share(row['wrong_view'])}, {metres(row['off_mean_m'])}, {short(row['ns_view'])} ns")
         yield f"| {name} | " + " | ".join(cells) + " |\n"
 
 
@@ -94,14 +104,40 @@ def derived(studies):
         yield f"| {name} | " + " | ".join(f"{short(row['rms'])}, {megabytes(row)}" for row in rows) + " |\n"
 
 
+def prices(studies):
+    """The second line of each verdict: what half the error costs."""
+    yield ("\n| scene | half the share of wrong answers: voxels a side | bytes | time of a look-up | bake |\n"
+           "|---|---|---|---|---|\n")
+    for name, report in studies:
+        found = re.search(r"Half the error costs: (\S+) times the voxels a side, and with them (\S+) times the bytes, "
+                          r"(\S+) times the time of a look-up and (\S+) times the bake", report["verdict"])
+        cells = [f"{times} times" for times in found.groups()] if found else ["-"] * 4
+        yield f"| {name} | " + " | ".join(cells) + " |\n"
+
+
+def techniques(studies):
+    """The nearest map of the literature to its own box, beside umbrage of equal texels and of equal bytes."""
+    yield ("\n| scene | nearest map: difference, MB, ns | umbrage of equal texels | without vectors, ns | "
+           "of no more bytes |\n|---|---|---|---|---|\n")
+    for name, report in studies:
+        rows = report["techniques"]["rows"]
+        best = min((row for row in rows if row["truth"] == "box" and not row["dag"]), key=lambda row: row["mean"])
+        cells = [f"{short(row['mean'])}, {short(row['bytes'] / 1e6)}, {short(row['ns'])}"
+                 for row in (best, rows[best["same_texels"]])]
+        fits = rows[best["same_bytes"]] if best["same_bytes"] >= 0 else None
+        yield (f"| {name} | {best['name']}: {cells[0]} | {cells[1]} | {short(rows[best['same_texels']]['ns_scalar'])} | "
+               + (f"{fits['resolution']}: {short(fits['mean'])}, {short(fits['bytes'] / 1e6)}, {short(fits['ns'])}" if fits else "-")
+               + " |\n")
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         studies = [(name, study(name, scene, folder)) for name, scene in tables.scenes_in(folder)]
     worst = max(report["study_s"] for _, report in studies)
-    text = [f"{tables.source()};\n`umbrage study SCENE --quick --sun {tables.SUN}`, {worst:.0f} s at most; ns a "
-            "point on one thread in camera views,\n± the spread of its runs; MB in memory. *Edges within*: where "
-            "an answer is on the wrong side,\n95 % of the true edges are nearer.\n\n", *peers(studies), *knobs(studies),
-            *derived(studies)]
+    text = [f"{tables.source()};\n`umbrage study SCENE --quick --sun {tables.SUN}`, {worst:.0f} s at most; ns: the least "
+            "CPU time of a point\non one thread in camera views; MB in memory. *Wrong*: share of what three cameras see. "
+            "*Off by*: mean\ndistance of all samples from the true edge, 0 where right.\n\n",
+            *peers(studies), *knobs(studies), *prices(studies), *derived(studies), *techniques(studies)]
     tables.replace("study.md", BEGIN, END, "".join(text))
 
 

@@ -59,6 +59,10 @@ static void query_everywhere(const struct umb_asset *asset)
     if (umb_query_prepare(asset, &soft, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 64, &answers);
     }
+    soft.light_extent = 0; /* the light's own; lamps take no other */
+    if (umb_query_prepare(asset, &soft, &query, NULL) == UMB_OK) {
+        umb_query_run(&query, &batch, 0, 16, &answers);
+    }
     if (umb_query_prepare(asset, &patch, &query, NULL) == UMB_OK) {
         umb_query_run(&query, &batch, 0, 8, &answers);
         umb_query_explain(&query, &batch, 8, &explanation);

@@ -41,7 +41,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(text, data + 1, size - 1);
     struct umbb_import job = {.file = {.bytes = text, .size = size - 1},
                               .folder = {folder, umbs_open_beneath},
-                              .max_input_bytes = 1 << 20};
+                              .max_input_bytes = 1 << 20,
+                              .look = 1};
     umbs_scene_builder_init(&job.scene, UMBS_FORMAT_OBJ, 1, 1 << 20);
     enum umb_status status = read_scene(&job, data[0] & 7U);
     struct bytes buffer = {0};

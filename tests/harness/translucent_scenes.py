@@ -1,8 +1,10 @@
+#!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Scenes with translucent casters, written as OBJ and MTL (z up, metres): the same bytes always.
 
     hair(path, strands=600)   a head on a floor, with translucent ribbons hanging from it
     glass(path)               panes, a ball of glass inside another, an opaque post, on a floor
+    yard(path)                three boxes on a floor, for lamps
 """
 import math
 import os
@@ -91,5 +93,16 @@ def glass(path):
     obj.write()
 
 
+def yard(path):
+    obj = Obj(path, {"floor": 1, "crate": 1, "tower": 1, "wall": 1})
+    obj.material("floor")
+    obj.polygon((-8, -8, 0), (8, -8, 0), (8, 8, 0), (-8, 8, 0))
+    for name, low, high in (("crate", (-3, -1, 0), (-1, 1, 2)), ("tower", (1, 1, 0), (2, 3, 3)),
+                            ("wall", (0, -4, 0), (3, -3, 1.2))):
+        obj.material(name)
+        obj.box(low, high)
+    obj.write()
+
+
 if __name__ == "__main__":
-    {"hair": hair, "glass": glass}[sys.argv[1]](sys.argv[2])
+    {"hair": hair, "glass": glass, "yard": yard}[sys.argv[1]](sys.argv[2])

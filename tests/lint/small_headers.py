@@ -27,6 +27,8 @@ KEPT = {
     "server/scene/parts_weld.h": "corners of equal place",
     "server/study/deep_rays.h": "transmittance by rays, without a map",
     "server/study/technique_seams.h": "seams between cascades, and their contrasts",
+    "server/study/frame_casters.h": "the part of a scene that a fitted camera shows",
+    "server/study/picture_text.h": "labels in pictures; tested alone",
     "server/study/verify_bounds.h": "test of the bounds that a curve states",
     "server/store/fault_guard.h": "reads of a mapped file that may fail; tested alone",
 }

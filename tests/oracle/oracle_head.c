@@ -171,8 +171,8 @@ static int read_light(struct oracle_light *light, const uint8_t *data,
                       char error[ORACLE_ERROR_SIZE])
 {
     light->kind = (uint32_t)oracle_number(data, 4);
-    if (light->kind > 2 || oracle_number(data + 12, 4) != 0) {
-        return oracle_refuse(error, "LGHT: kind %" PRIu32 " is not 0 to 2, or a zero field is set",
+    if (light->kind > 4 || oracle_number(data + 12, 4) != 0) {
+        return oracle_refuse(error, "LGHT: kind %" PRIu32 " is not 0 to 4, or a zero field is set",
                              light->kind);
     }
     light->first_frustum = (uint32_t)oracle_number(data + 4, 4);
@@ -222,6 +222,34 @@ static int read_lights(struct oracle *oracle, const uint8_t *data, uint64_t size
         }
     }
     return 1;
+}
+
+/* Vectors of the sides of rectangles, one a light; at least one is not 0. */
+static int check_sides(const struct oracle *oracle, struct oracle_section sides,
+                       char error[ORACLE_ERROR_SIZE])
+{
+    double longest = 0.0;
+    if (sides.data == NULL) {
+        return 1;
+    }
+    if (sides.size != (uint64_t)oracle->light_count * 24) {
+        return oracle_refuse(error, "SIDE: %" PRIu64 " bytes for %" PRIu32 " lights", sides.size,
+                             oracle->light_count);
+    }
+    for (uint32_t i = 0; i < oracle->light_count; i++) {
+        double square = 0.0, along = 0.0;
+        for (uint32_t k = 0; k < 3; k++) {
+            const double side = oracle_double(sides.data + 24 * (size_t)i + 8 * k);
+            square += side * side;
+            along += side * oracle->lights[i].direction[k];
+        }
+        if (!isfinite(square) || (square > 0.0 && oracle->lights[i].kind != 3) ||
+            !(fabs(along) <= 1e-9 * sqrt(square))) {
+            return oracle_refuse(error, "SIDE: that of light %" PRIu32 " is none", i);
+        }
+        longest = fmax(longest, square);
+    }
+    return longest > 0.0 ? 1 : oracle_refuse(error, "SIDE: no light has one");
 }
 
 static int read_frustum(struct oracle_frustum *frustum, const uint8_t *data,
@@ -334,14 +362,15 @@ enum entry_tag {
     ENTRY_PLAN,
     ENTRY_BAKE,
     ENTRY_ROOT,
-    ENTRY_FRNT, /* these three may lack */
+    ENTRY_FRNT, /* these four may lack */
     ENTRY_TRNS,
     ENTRY_RECEIVER_MASK,
+    ENTRY_SIDE,
     ENTRY_COUNT,
 };
 
-static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN",
-                                                 "BAKE", "ROOT", "FRNT", "TRNS", "NEAR"};
+static const char entry_names[ENTRY_COUNT][5] = {"SCEN", "LGHT", "FRUS", "CNTS", "PLAN", "BAKE",
+                                                 "ROOT", "FRNT", "TRNS", "NEAR", "SIDE"};
 
 static int find_entries(const struct oracle *oracle, struct oracle_section found[ENTRY_COUNT],
                         char error[ORACLE_ERROR_SIZE])
@@ -404,6 +433,7 @@ int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     oracle->receiver_mask = found[ENTRY_RECEIVER_MASK];
     return read_scene(oracle, found[ENTRY_SCEN].data, error) &&
            read_lights(oracle, found[ENTRY_LGHT].data, found[ENTRY_LGHT].size, error) &&
+           check_sides(oracle, found[ENTRY_SIDE], error) &&
            read_frusta(oracle, found[ENTRY_FRUS].data, found[ENTRY_FRUS].size, error) &&
            read_roots(oracle, found[ENTRY_ROOT].data, found[ENTRY_ROOT].size, error) &&
            check_ranges(oracle, error) && oracle_check_receiver_mask(oracle, error) &&

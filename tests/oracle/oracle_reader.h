@@ -31,7 +31,7 @@ enum oracle_form {
 };
 
 struct oracle_light {
-    uint32_t kind; /* 0 directional, 1 spot, 2 point */
+    uint32_t kind; /* 0 directional, 1 spot, 2 point, 3 rectangle, 4 disc */
     uint32_t first_frustum, frustum_count;
     double direction[3], position[3];
     char name[64]; /* NUL-terminated */

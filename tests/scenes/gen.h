@@ -77,6 +77,7 @@ void gen_arch(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_bridge(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_hall(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 void gen_forest(struct gen_mesh *mesh, int32_t size, uint64_t seed);
+void gen_houses(struct gen_mesh *mesh, int32_t size, uint64_t seed);
 
 /* Writes the mesh; light: also a sun from south-east, 45 degrees high (GLB). 0 if it failed. */
 int gen_write(FILE *file, const struct gen_mesh *mesh, enum gen_format format, int light);

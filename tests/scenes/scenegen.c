@@ -22,6 +22,7 @@ static const char usage[] =
     "  bridge   closed parts, wires of 10 mm; N hangers a side\n"
     "  hall     a closed hall with windows and columns; N bays of 6 m\n"
     "  forest   N x N closed trees of 92 triangles (GLB: one, and instances)\n"
+    "  houses   N x N closed houses with eaves and recessed doors and windows, lots of 20 m\n"
     "  box      a closed cube of N m\n"
     "  sphere   a closed ball of radius 5 m, 8 N^2 triangles\n"
     "FILE - is stdout. Without --format the file's ending tells it.\n"
@@ -51,7 +52,8 @@ static const struct kind {
     {"terrain", gen_terrain, 256, 4096}, {"city", gen_city, 50, 150},
     {"arch", gen_arch, 8, 200},          {"bridge", gen_bridge, 60, 5000},
     {"hall", gen_hall, 7, 1000},         {"forest", gen_forest, 32, 2048},
-    {"box", make_box, 10, 100000},       {"sphere", make_sphere, 8, 32},
+    {"houses", gen_houses, 6, 100},      {"box", make_box, 10, 100000},
+    {"sphere", make_sphere, 8, 32},
 };
 
 struct request {

@@ -43,7 +43,7 @@ count() { # KEY NAME SCENE OPTION...
     shift 3
     for view in $views; do
         "$BUILD/umbrage" render "$scene" --asset "$folder/$name.umb" --compare --size $size --aa 1 \
-            --camera "$view" --json "$@" 2>"$folder/err" || cat "$folder/err" >&2
+            --camera "$view" --filter box --json "$@" 2>"$folder/err" || cat "$folder/err" >&2
     done >"$folder/lines"
     /usr/bin/python3 -c '
 import json, sys

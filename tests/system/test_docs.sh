@@ -76,6 +76,54 @@ same "links lead somewhere; lines and pages are short" "" "$(cat "$folder/pages"
 # The API index has every public function.
 same "the API index is that of the headers" "" "$(/usr/bin/python3 "$root/tests/harness/api_index.py")"
 
+# Each picture has its commands in docs/pictures/README.md, and each is understood: programs whose
+# scenes are missing complain about that (66), not about their options (2). What makes scenes runs,
+# and is taken away again, so that no bake begins.
+/usr/bin/python3 - "$root" "$folder" "$BUILD" >"$folder/pictures" 2>&1 <<'EOF'
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+root, folder, build = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3]).resolve()
+page = (root / "docs/pictures/README.md").read_text(encoding="utf-8")
+blocks = re.findall(r"^## ([^\n]+)\n\n```sh\n(.*?)^```", page, re.M | re.S)
+told = sorted(name for heading, _ in blocks for name in heading.split(", "))
+found = sorted(path.name for path in (root / "docs/pictures").glob("*.png"))
+elsewhere = re.findall(r"`([a-z-]+\.png)`", page)  # with the page that has them under test
+for name in sorted(set(told + elsewhere) ^ set(found)):
+    print(f"{name}: {'no commands' if name in found else 'no such picture'}")
+WRAP = """
+run() { "$@" >run.out 2>run.err </dev/null; code=$?; echo run >>runs
+    [ $code -eq 66 ] || { echo "exit code $code: $*"; cat run.err; }; }
+make() { "$@" >run.out 2>run.err </dev/null || { echo "exit code $?: $*"; cat run.err; }; rm -f ./*.glb ./*.obj; }
+umbrage() { run "$BUILD/umbrage" "$@"; }
+study() { run "$BUILD/umbrage-study" "$@"; }
+scenegen() { make "$BUILD/scenegen" "$@"; }
+scenes() { make "$ROOT/tests/harness/translucent_scenes.py" "$@"; }
+picture_sheet() { [ $# -gt 2 ]; }
+failure_pictures() { [ $# -eq 1 ]; }
+paging() { "$ROOT/tests/bench/paging_figures.py" --help >run.out 2>&1 || { echo "exit code $?"; cat run.out; }; }
+"""
+for heading, block in blocks:
+    place = folder / "pictures.run" / heading.split(",")[0]
+    place.mkdir(parents=True)
+    for name, wrapped in (("umbrage-study", "study"), ("translucent_scenes.py", "scenes"),
+                          ("tests/bench/paging_figures.py", "paging")):
+        block = re.sub(rf"^{re.escape(name)} ", wrapped + " ", block, flags=re.M)
+    done = subprocess.run(["sh", "-c", WRAP + block], cwd=place, text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, check=False,
+                          env={**os.environ, "BUILD": str(build), "ROOT": str(root), "UMBRAGE_SCENES": "no"})
+    for line in done.stdout.splitlines():
+        print(f"{heading}: {line}")
+    if re.search("^umbrage|^study", block, re.M) and not (place / "runs").exists():
+        print(f"{heading}: no command was tried")
+if len(blocks) < 10:
+    print(f"only {len(blocks)} blocks of commands")
+EOF
+same "each picture has commands, and they are understood" "" "$(cat "$folder/pictures")"
+
 # Defaults: the page writes "64 MiB", the program "64MiB"; a row of the page may have several options.
 /usr/bin/python3 - "$folder/rows" "$operations" >"$folder/defaults" 2>&1 <<'EOF'
 import re

@@ -25,8 +25,10 @@ trap 'rm -rf "$folder"' EXIT
 failures=0
 while read -r kernel taps figure; do
     case $kernel in '#'* | '') continue ;; esac
+    # Footprints are a stage around kernels: the whole query is counted.
+    case $kernel in footprint_*) counted=umb_query_run ;; tent_*) counted=umb__$kernel ;; *) counted=umb__kernel_$kernel ;; esac
     points=$(valgrind --tool=callgrind --callgrind-out-file="$folder/out" \
-        --toggle-collect="umb__kernel_$kernel" \
+        --toggle-collect="$counted" \
         "$BUILD/kernel_count" run "$folder/ground.umbm" "$kernel" "$taps" 2>"$folder/log" |
         sed -n 's/^points=\([0-9]*\).*/\1/p')
     count=$(sed -n 's/.*Collected *: *\([0-9]*\).*/\1/p' "$folder/log")

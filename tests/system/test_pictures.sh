@@ -8,13 +8,13 @@
 # these views: 0.0004 (architecture) to 0.0052 (Delft); twice the largest is the bound. Nine taps
 # against rays from the same 81 texel centres: equal but for texels whose edge passes within a voxel
 # and for windows that reach into closed solids, where an answer is unspecified; measured 0.00006 to
-# 0.0008 without those windows (no sample by more than half) and up to 0.0033 with them. Acne, leaks
+# 0.0008 without those windows (no sample by more than half) and up to 0.0073 with them. Acne, leaks
 # and shifted shadows are far above: without bias the city is off by 0.049, the architecture by 0.41.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 scenes=${UMBRAGE_SCENES:-$root/../shared/scenes}
 BOUND_ONE=0.0104
 BOUND_WINDOW=0.0016
-BOUND_WINDOW_ALL=0.0066
+BOUND_WINDOW_ALL=0.0146
 
 below() { # SENTENCE VALUE BOUND
     if awk -v value="$2" -v bound="$3" 'BEGIN { exit !(value + 0 == value && value < bound) }'; then
@@ -51,7 +51,7 @@ render() { # NAME SCENE TAPS [OPTION]...
     shift 3
     "$BUILD/umbrage" render "$scene" --asset "$folder/$name.umb" -o "$folder/$name-$taps.png" \
         --reference "$folder/ref.png" --difference "$folder/diff.png" --size 480x270 --compare \
-        --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
+        --filter box --taps "$taps" --json "$@" >"$folder/out" 2>"$folder/err"
 }
 
 compare() { # NAME SCENE
@@ -122,6 +122,90 @@ for threads in 1 3; do
 done
 same "a picture with fog has the asked size" 320x200 "$(png_size "$folder/fog-1.png" 2>&1)"
 check "and does not depend on threads" cmp "$folder/fog-1.png" "$folder/fog-3.png"
+
+# What a picture of a scene is good for: casters in view, a ground to cast on, all its lamps.
+# houses FILE COUNT SPREAD GROUND STRAY: boxes on a square, or a triangle far away; 0: none.
+houses() {
+    /usr/bin/python3 - "$@" <<'END'
+import random
+import sys
+
+path, count, spread, ground, stray = sys.argv[1], *map(float, sys.argv[2:])
+rng, lines = random.Random(1), []
+
+
+def polygon(*corners):
+    lines.extend("v %.4f %.4f %.4f" % corner for corner in corners)
+    lines.append("f " + " ".join(str(i - len(corners)) for i in range(len(corners))))
+
+
+for _ in range(int(count)):
+    a, b = rng.uniform(-spread, spread), rng.uniform(-spread, spread)
+    d, e, f = a + rng.uniform(6, 14), b + rng.uniform(6, 14), rng.uniform(4, 15)
+    polygon((a, b, 0), (a, e, 0), (d, e, 0), (d, b, 0))
+    polygon((a, b, f), (d, b, f), (d, e, f), (a, e, f))
+    polygon((a, b, 0), (d, b, 0), (d, b, f), (a, b, f))
+    polygon((a, e, 0), (a, e, f), (d, e, f), (d, e, 0))
+    polygon((a, b, 0), (a, b, f), (a, e, f), (a, e, 0))
+    polygon((d, b, 0), (d, e, 0), (d, e, f), (d, b, f))
+if ground:
+    polygon((-ground, -ground, 0), (ground, -ground, 0), (ground, ground, 0), (-ground, ground, 0))
+if stray:
+    polygon((stray, stray, 0), (stray + 5, stray, 0), (stray, stray + 5, 9))
+open(path, "w", encoding="ascii").write("\n".join(lines) + "\n")
+END
+}
+
+draw() { # NAME OPTION...: a picture of houses, with its facts in $folder/out
+    name=$1
+    shift
+    "$BUILD/umbrage" render "$folder/$name.obj" --asset "$folder/$name.umb" --size 320x180 --aa 1 \
+        --json -o "$folder/$name.png" "$@" >"$folder/out" 2>"$folder/err" || cat "$folder/err" >"$folder/out"
+}
+
+# A town whose stray triangle is 100 km away, and a town on a plane of 20 km: both filled the
+# picture with nothing.
+houses "$folder/stray.obj" 216 300 0 100000
+houses "$folder/speck.obj" 60 120 10000 0
+houses "$folder/town.obj" 60 120 200 0
+for name in stray speck town; do
+    "$BUILD/umbrage-bake" "$folder/$name.obj" -o "$folder/$name.umb" --resolution 1024 --sun 140,40 \
+        --point 30,20,40 --verify 0 --quiet 2>"$folder/err"
+done
+draw stray
+check "a town with a stray triangle fills a fifteenth of the picture or more" \
+    test "$(json "$folder/out" "['seen']")" -gt 3840
+draw stray --camera az=220,el=35,fov=35
+check "from any side" test "$(json "$folder/out" "['seen']")" -gt 3840
+"$BUILD/umbrage" render "$folder/speck.obj" --asset "$folder/speck.umb" --size 320x180 --aa 1 \
+    -o "$folder/speck.png" --light 0 >"$folder/out" 2>&1
+distance=$(sed -n 's/^camera eye=\([^,]*\),\([^,]*\),\([^,]*\),target.*/\1 \2 \3/p' "$folder/out" |
+    awk '{ printf "%d", sqrt($1 * $1 + $2 * $2 + $3 * $3) }')
+check "a town on a plane of 20 km is seen from $distance m, not from 30 km" test "$distance" -lt 1500
+
+# The ground receives, and is judged by the same rays.
+draw stray --light 0
+without=$(json "$folder/out" "['seen']")
+draw stray --light 0 --ground --compare --taps 1
+same "with a ground each sample sees something" 57600 "$(json "$folder/out" "['seen']")"
+check "which without it is not so" test "$without" -lt 50000
+check "the ground is compared with rays" test "$(json "$folder/out" "['facing']")" -gt 50000
+
+# Lights add up, and each is judged.
+draw town --taps 1 --compare --camera eye=200,-250,160,target=0,0,0
+both=$(json "$folder/out" "['facing']")
+same "both lights are drawn" 2 "$(json "$folder/out" "['lights']")"
+cp "$folder/town.png" "$folder/both.png"
+draw town --compare --taps 1 --light 0 --camera eye=200,-250,160,target=0,0,0
+first=$(json "$folder/out" "['facing']")
+draw town --compare --taps 1 --light 1 --camera eye=200,-250,160,target=0,0,0
+same "samples that face a light count for each light" "$both" $((first + $(json "$folder/out" "['facing']")))
+draw town --taps 1 --compare --light 1 --light 0 --camera eye=200,-250,160,target=0,0,0
+check "the order of the lights does not matter" cmp "$folder/town.png" "$folder/both.png"
+try 2 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light 1 --light 1
+try 2 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light x
+try 66 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light 2
+try 2 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light 0 --light 1 --fog 0.1
 
 # One view by file, by a second run, and in other threads is one picture.
 "$BUILD/umbrage" render "$folder/city.glb" --asset "$folder/city.umb" -o "$folder/a.png" \

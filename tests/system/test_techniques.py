@@ -139,6 +139,22 @@ with test.check("twice the resolution halves the pixels of a texel"):
     fine = json.loads(twice.stdout)["ways"][0]
     assert abs(fine["median"] / ways["uniform"]["median"] - 0.5) < 1e-6, (fine, ways["uniform"])
 
+with test.check("a lamp's maps are the faces of a cube and two paraboloids, each point in one of them"):
+    run = subprocess.run([ut.program("umbrage"), "aliasing", scene, "--size", "160x90", "--resolution", "512", "--lamp",
+                          "3,40,5", "-o", heat, "--json"], capture_output=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    lamp = {way["way"]: way for way in json.loads(run.stdout)["ways"]}
+    assert sorted(lamp) == ["cube", "paraboloid"] and lamp["cube"]["points"] > 1000, lamp
+    assert [len(lamp[way]["slices"]) for way in ("cube", "paraboloid")] == [6, 2], lamp
+    for way in lamp.values():
+        assert sum(way["histogram"]) == way["points"] == sum(s["points"] for s in way["slices"]), way
+    assert lamp["cube"]["points"] == lamp["paraboloid"]["points"]
+    assert lamp["cube"]["median"] < lamp["paraboloid"]["median"], lamp
+    for words, says in ((("--lamp", "1,2"), b"--lamp"), (("--lamp", "1,2,3", "--way", "slice"), b"cube or paraboloid"),
+                        (("--way", "cube"), b"--lamp")):
+        refused = ut.run("umbrage-study", "aliasing", scene, "--size", "16x9", *words, code=2)
+        assert says in refused.stderr, refused.stderr
+
 with test.check("deep maps equal the products over all hits, with and without links"):
     run = subprocess.run([ut.program("umbrage-study"), "deep", scene, "--resolution", "128", "--size",
                           "80x50", "--epsilon", "0"], capture_output=True, timeout=120, text=True)

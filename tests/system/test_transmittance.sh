@@ -73,11 +73,30 @@ same "the mapped form answers the same" "$wanted" "$(answers "$folder/glass.umbm
 "$BUILD/umbrage" info "$folder/again.umb" --json >"$folder/info"
 same "and packs to the same id" "$first" "$(json "$folder/info" "['asset']")"
 same "4 threads, tiles of 64" "$first" "$(bake other --threads 4 --tile 64)"
-check "what is opaque equals rays" "$BUILD/umbrage" verify "$folder/glass.umb" \
-    --scene "$folder/glass.obj" --points 20000
-"$BUILD/umbrage" render "$folder/glass.obj" --asset "$folder/glass.umb" --compare --json \
-    --size 160x90 >"$folder/render" 2>"$folder/err"
-check "so it does in a picture" test "$(awk 'BEGIN { print ('"$(json "$folder/render" "['mean_difference']")"' < 0.005) }')" = 1
+"$BUILD/umbrage" verify "$folder/glass.umb" --scene "$folder/glass.obj" --points 20000 --json \
+    >"$folder/verify" 2>"$folder/err"
+same "the light that all casters leave equals rays" 0 $?
+check "and points behind panes were among them" \
+    test "$(json "$folder/verify" "['lights'][0]['translucent']")" -gt 1000
+render() { # OPTION...: fields of the comparison
+    "$BUILD/umbrage" render "$folder/${seen:-glass}.obj" --asset "$folder/${asset:-glass}.umb" \
+        --compare --filter box --json --size 160x90 "$@" >"$folder/render" 2>"$folder/err" ||
+        cat "$folder/err" >"$folder/render"
+}
+is_below() { # SENTENCE FIELD BOUND
+    check "$1" test "$(awk 'BEGIN { print ('"$(json "$folder/render" "['$2']")"' < '"$3"') }')" = 1
+}
+render -o "$folder/glass.png"
+is_below "so it does in a picture" mean_difference 0.005
+check "in which the panes are seen" test "$(json "$folder/render" "['translucent']")" -gt 1000
+# Another pane is found out: in voxels and in the picture.
+scene other 0.5
+cp "$folder/glass.umb" "$folder/other.umb"
+"$BUILD/umbrage" verify "$folder/other.umb" --scene "$folder/other.obj" --points 20000 --force \
+    --quiet >"$folder/out" 2>"$folder/err"
+same "the light of another pane is found wrong" 1 $?
+seen=other asset=other render --force
+check "and so it is in a picture" test "$(awk 'BEGIN { print ('"$(json "$folder/render" "['mean_difference']")"' > 0.02) }')" = 1
 grep -q 'effect=transmittance state=on' "$folder/info" && ok "the plan says so" ||
     bad "the plan says so" "$(cat "$folder/info")"
 
@@ -100,6 +119,10 @@ same "and from the daemon" "1.00000 1.00000 1.00000 1.00000 0.00000 1.00000" \
 bake off --effect transmittance=off >/dev/null
 same "off: panes are opaque" "1.00000 0.00000 0.00000 0.00000 0.00000 1.00000" \
     "$(answers "$folder/off.umb")"
+"$BUILD/umbrage" info "$folder/off.umb" --json >"$folder/info"
+asset=off render -o "$folder/off.png"
+is_below "off: rays are stopped by panes" mean_difference 0.005
+check "and cameras see through them" test "$(json "$folder/render" "['translucent']")" -gt 1000
 "$BUILD/umbrage" info "$folder/off.umb" --json >"$folder/info"
 same "off has no byte" 0 "$(json "$folder/info" "['transmittance_bytes']")"
 scene solid 1

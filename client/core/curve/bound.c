@@ -5,8 +5,10 @@
  *
  *   bias     s = k (t (|n.ex| + |n.ey|) + |n.ez|) <= k d for a unit normal n, where d is the
  *            diagonal of the window and k = 65/128 (query_parts.h), by Cauchy and Schwarz; coarse
- *            look-ups have cells in place of voxels and k = 65/64. Points without a normal move by
- *            a length of their own (query.c, perspective.c).
+ *            look-ups have cells in place of voxels and k = 65/64. Under parallel light a point
+ *            moves by l <= L metres towards the light and by s - l c along n, with c the cosine
+ *            between the two. The square of the whole move is s^2 + l^2 (1 - c^2) <= s^2 + L^2.
+ *            Points without a normal move by a length of their own (query.c, perspective.c).
  *   look-up  the centre of a voxel of the window is at most d / 2 from the moved point; a boundary
  *            within the point's cell at most its diagonal.
  */
@@ -47,7 +49,7 @@ static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uin
                      double *bias, double *look_up)
 {
     double edges[3], growth = 1.0;
-    const double no_normal = (2.0 * (taps > 0 ? taps : 1) + 1.0) / (2.0 * sqrt(3.0));
+    const double width = taps > 0 ? taps : 1, no_normal = (2.0 * width + 1.0) / (2.0 * sqrt(3.0));
     reach_edges(frustum, level, taps, edges);
     if (umb__is_perspective(frustum)) {
         edges[2] *= slant(frustum, taps, &growth);
@@ -57,6 +59,10 @@ static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uin
         *look_up = 0.5 * sqrt(umb__dot(edges, edges));
     }
     *bias = UMB__BIAS_SLACK * fmax(*look_up * growth, no_normal * edges[2]);
+    if (level == 0 && !umb__is_perspective(frustum)) {
+        const double lift = UMB__LIFT_TEXELS(width) * (edges[0] + edges[1]) / (2.0 * width);
+        *bias = sqrt(*bias * *bias + lift * lift);
+    }
     if (level > 0) {
         *bias *= 2.0;
         *look_up *= 2.0;

@@ -183,6 +183,13 @@ void umb_asset_get_info(const struct umb_asset *asset, struct umb_asset_info *in
     info->notes = asset->notes;
 }
 
+const char *umb_light_kind_name(enum umb_light_kind kind)
+{
+    static const char *const names[UMB_LIGHT_KINDS] = {"directional", "spot", "point", "rectangle",
+                                                       "disc"};
+    return (unsigned)kind < UMB_LIGHT_KINDS ? names[kind] : "unknown";
+}
+
 enum umb_status umb_asset_get_light(const struct umb_asset *asset, uint32_t index,
                                     struct umb_light_info *info)
 {

@@ -46,6 +46,10 @@ static const struct field light_fields[] = {
     FIELD(40, umb_light_info, position),     FIELD(64, umb_light_info, extent),
     FIELD(72, umb_light_info, name),         {0},
 };
+static const struct field side_fields[] = {
+    FIELD(0, umb_light_info, side),
+    {0},
+};
 static const struct field frustum_fields[] = {
     FIELD(0, umb_frustum_info, log2_size),
     FIELD(4, umb_frustum_info, light),
@@ -81,6 +85,7 @@ enum entry {
     ENTRY_OCCLUDER_DEPTH,
     ENTRY_TRANSMITTANCE,
     ENTRY_RECEIVER_MASK,
+    ENTRY_SIDES,
     ENTRY_COUNT,
 };
 
@@ -91,7 +96,8 @@ enum entry {
 /*
  * A reader must understand most entries. A reader that ignores translucent casters would call their
  * shadows lit. A reader that ignores the static rule would answer in undefined space. The curve and
- * the occluder depth may be ignored: answers are then fewer, but not wrong.
+ * the occluder depth may be ignored: answers are then fewer, but not wrong. The sides of area
+ * lights are a second part of the records of lights, from which they are read and written.
  */
 static const struct row {
     uint32_t tag, flags;
@@ -115,6 +121,8 @@ static const struct row {
     {UMB__TAG_TRANSMITTANCE, UMB__MUST_UNDERSTAND, true, 1, NULL, ARRAY(content.transmittance)},
     {UMB__TAG_RECEIVER_MASK, UMB__MUST_UNDERSTAND, true, 8, NULL,
      ARRAY(content.receiver_mask_cells)},
+    {UMB__TAG_SIDES, UMB__MUST_UNDERSTAND, true, UMB__SIDE_SIZE, side_fields,
+     ARRAY(content.lights)},
 };
 
 _Static_assert(sizeof(struct umb__curve_record) == UMB__CURVE_SIZE, "a row of the curve");
@@ -214,6 +222,8 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
                lengths[ENTRY_COUNTS] == UMB__COUNTS_SIZE &&
                lengths[ENTRY_ROOTS] == frusta * UMB__ROOT_SIZE &&
                (!entries->bytes[ENTRY_CURVE] || lengths[ENTRY_CURVE] > 0) &&
+               (!entries->bytes[ENTRY_SIDES] ||
+                lengths[ENTRY_SIDES] == lengths[ENTRY_LIGHTS] / UMB__LIGHT_SIZE * UMB__SIDE_SIZE) &&
                (!entries->bytes[ENTRY_RECEIVER_MASK] ||
                 lengths[ENTRY_RECEIVER_MASK] == frusta * UMB__RECEIVER_MASK_WORDS * 8);
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
@@ -238,8 +248,19 @@ static enum umb_status check_lengths(const struct entries *entries, struct umb_e
     return UMB_OK;
 }
 
-/* Copies an entry into memory: into a new array, or into `canonical` itself. A NUL follows bytes
- * without fields, which may be a text. Returns false if out of memory. */
+/* Returns an entry's records in memory. */
+static uint8_t *items_of(const struct umb__canonical *canonical, const struct row *row)
+{
+    uint8_t *items = (uint8_t *)(uintptr_t)canonical;
+    if (row->item > 0) {
+        memcpy(&items, items + row->array, sizeof items);
+    }
+    return items;
+}
+
+/* Copies an entry into memory: into a new array, into the one that ENTRY_LIGHTS made, or into
+ * `canonical` itself. A NUL follows bytes without fields, which may be a text. Returns false if out
+ * of memory. */
 static bool load(const struct entries *entries, enum entry entry, const struct umb_alloc *alloc,
                  struct umb__canonical *canonical)
 {
@@ -250,7 +271,9 @@ static bool load(const struct entries *entries, enum entry entry, const struct u
     if (!bytes) {
         return true;
     }
-    if (row->item > 0) {
+    if (entry == ENTRY_SIDES) {
+        items = items_of(canonical, row);
+    } else if (row->item > 0) {
         items = umb__alloc_zeroed(alloc, row->fields ? count * row->item : length + 1, 1);
         memcpy((uint8_t *)canonical + row->array, &items, sizeof items);
     }
@@ -289,6 +312,30 @@ static enum umb_status check_records(const struct umb__canonical *canonical,
         }
     }
     return UMB_OK;
+}
+
+/* Returns whether a light is a rectangle with a side, whose vector the asset stores. */
+static bool has_side(const struct umb_light_info *light)
+{
+    return light->side[0] != 0 || light->side[1] != 0 || light->side[2] != 0;
+}
+
+static bool has_sides(const struct umb__content *content)
+{
+    bool any = false;
+    for (uint32_t i = 0; i < content->light_count; i++) {
+        any = any || has_side(&content->lights[i]);
+    }
+    return any;
+}
+
+/* Checks that the entry of sides is there for a side only: equal content must have equal bytes. */
+static enum umb_status check_sides(const struct entries *entries,
+                                   const struct umb__content *content, struct umb_error *error)
+{
+    return entries->bytes[ENTRY_SIDES] == NULL || has_sides(content)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT, "canonical block: entry SIDE without a side");
 }
 
 /* Checks the number of nodes of each level. It must be below 2^32 - 1: node numbers have 32 bits,
@@ -337,7 +384,11 @@ static enum umb_status decode(const uint8_t *bytes, uint64_t length, const struc
             return no_memory(error);
         }
     }
+    if (!load(&entries, ENTRY_SIDES, alloc, canonical)) {
+        return no_memory(error);
+    }
     UMB__TRY(check_records(canonical, error));
+    UMB__TRY(check_sides(&entries, content, error));
     UMB__TRY(check_counts(canonical, error));
     UMB__TRY(load_occluder_depth(&entries, alloc, canonical, error));
     if (!load(&entries, ENTRY_RECEIVER_MASK, alloc, canonical)) {
@@ -368,20 +419,10 @@ enum umb_status umb__canonical_decode(const uint8_t *bytes, uint64_t length,
     return status;
 }
 
-/* Returns an entry's records in memory. */
-static uint8_t *items_of(const struct umb__canonical *canonical, const struct row *row)
-{
-    uint8_t *items = (uint8_t *)(uintptr_t)canonical;
-    if (row->item > 0) {
-        memcpy(&items, items + row->array, sizeof items);
-    }
-    return items;
-}
-
 void umb__canonical_finish(struct umb__canonical *canonical, const struct umb_alloc *alloc)
 {
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        if (rows[i].item > 0) {
+        if (rows[i].item > 0 && i != ENTRY_SIDES) {
             umb__free(alloc, items_of(canonical, &rows[i]));
         }
     }
@@ -451,6 +492,7 @@ static enum umb_status measure(const struct umb__content *content, uint64_t leng
     lengths[ENTRY_CURVE] = (uint64_t)content->curve_count * UMB__CURVE_SIZE;
     lengths[ENTRY_OCCLUDER_DEPTH] = content->occluder_depth_words * 4;
     lengths[ENTRY_TRANSMITTANCE] = content->transmittance_bytes;
+    lengths[ENTRY_SIDES] = has_sides(content) ? (uint64_t)content->light_count * UMB__SIDE_SIZE : 0;
     lengths[ENTRY_RECEIVER_MASK] =
         content->receiver_mask_cells ? frusta * UMB__RECEIVER_MASK_WORDS * 8 : 0;
     UMB__TRY(text_length(content->plan, "plan", &lengths[ENTRY_PLAN], error));

@@ -88,6 +88,22 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
     return is_sound;
 }
 
+/* Checks the side of a rectangle: across its direction, up to the rounding of doubles. Other lights
+ * have none. */
+static enum umb_status check_side(const struct umb_light_info *light, uint32_t i,
+                                  struct umb_error *error)
+{
+    const double *s = light->side, length = umb__length(s);
+    const bool is_across = fabs(umb__dot(s, light->direction)) <= 1e-9 * length;
+    const bool is_allowed = length == 0 || light->kind == UMB_LIGHT_RECTANGLE;
+    return umb__all_finite(s, 3) && isfinite(length) && is_across && is_allowed
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CORRUPT,
+                          "lights[%u].side: (%g, %g, %g), must be finite and across the direction "
+                          "of a rectangle, and 0 for other lights",
+                          i, s[0], s[1], s[2]);
+}
+
 static enum umb_status check_light(const struct umb__content *content, uint32_t i,
                                    struct umb_error *error)
 {
@@ -100,9 +116,9 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
                         "lights[%u].name: must be UTF-8 text of at most %d bytes", i,
                         UMB_NAME_SIZE - 1);
     }
-    if ((unsigned)light->kind > UMB_LIGHT_POINT) {
+    if ((unsigned)light->kind >= UMB_LIGHT_KINDS) {
         return umb_fail(error, UMB_E_VERSION, "lights[%u].kind: %d, this reader knows 0 to %d", i,
-                        (int)light->kind, (int)UMB_LIGHT_POINT);
+                        (int)light->kind, UMB_LIGHT_KINDS - 1);
     }
     if (light->frustum_count < 1 || light->frustum_count > max_frusta ||
         light->first_frustum > content->frustum_count ||
@@ -131,6 +147,7 @@ static enum umb_status check_light(const struct umb__content *content, uint32_t 
                         i, light->position[0], light->position[1], light->position[2],
                         light->extent);
     }
+    UMB__TRY(check_side(light, i, error));
     return content->receiver_mask_cells == NULL || light->kind == UMB_LIGHT_DIRECTIONAL
                ? UMB_OK
                : umb_fail(error, UMB_E_CORRUPT,

@@ -85,6 +85,7 @@ enum {
 #define UMB__TAG_CURVE          UMB__TAG('C', 'U', 'R', 'V') /* Only if a curve was measured */
 #define UMB__TAG_TRANSMITTANCE  UMB__TAG('T', 'R', 'N', 'S') /* Only with translucent casters */
 #define UMB__TAG_RECEIVER_MASK  UMB__TAG('N', 'E', 'A', 'R') /* Only under the static rule */
+#define UMB__TAG_SIDES          UMB__TAG('S', 'I', 'D', 'E') /* Only with a rectangle */
 
 /* Sections of a mapped file. */
 #define UMB__TAG_TOPS    UMB__TAG('T', 'O', 'P', 'S') /* One struct umb__top (view.h) a frustum */
@@ -98,6 +99,7 @@ enum {
 #define UMB__ENTRY_HEAD      16U
 #define UMB__SCENE_SIZE      104U
 #define UMB__LIGHT_SIZE      136U
+#define UMB__SIDE_SIZE       24U /* One vector a light */
 #define UMB__FRUSTUM_SIZE    144U
 #define UMB__COUNTS_SIZE     152U /* Counts of levels 3..20, then bytes_2014 */
 #define UMB__ROOT_SIZE       16U

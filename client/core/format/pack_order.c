@@ -14,6 +14,7 @@
 
 #include "base/memory.h"
 #include "base/try.h"
+#include "format/content.h"
 #include "format/layout.h"
 #include "format/pack_walk.h"
 
@@ -46,12 +47,8 @@ void umb__pack_order_finish(struct umb__pack_order *order)
 
 /* --- decision about copies -------------------------------------------------------------------- */
 
-/* Largest bytes of the lowest band with copies, in fifths of the bytes of the band's nodes without
- * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
- * save references, which take many bytes. */
-#define COPIES_MAX_FIFTHS 12U
-#define SAMPLE_ROOTS      16384U /* Roots of a sample, at least; a few more are possible */
-#define SAMPLE_RUN        64U    /* Neighbouring roots of each run */
+#define SAMPLE_ROOTS 16384U /* Roots of a sample, at least; a few more are possible */
+#define SAMPLE_RUN   64U    /* Neighbouring roots of each run */
 
 /* Runs that are visited between two checks for too many bytes. */
 #define ROUND_RUNS 32U
@@ -80,16 +77,32 @@ static size_t sample_step(const struct umb__node_list *roots)
     return 1 + roots->count / SAMPLE_ROOTS;
 }
 
+/* Bytes of the lowest band's nodes, each once. */
+static uint64_t own_bytes_of(const struct umb__pack_survey *survey)
+{
+    uint64_t bytes = 0;
+    for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END; level++) {
+        bytes += survey->bytes[level];
+    }
+    return bytes;
+}
+
 /* Returns the most bytes that `asked` sampled roots, at most 2^15, may take with copies. */
 static uint64_t bytes_most(const struct umb__pack_survey *survey,
                            const struct umb__node_list *roots, uint64_t asked)
 {
-    uint64_t own_bytes = 0;
-    for (uint32_t level = UMB_LEVEL_BRICK; level < UMB__LOWEST_END; level++) {
-        own_bytes += survey->bytes[level];
-    }
     /* No product overflows: at most 2^40 bytes and 2^15 roots. */
-    return roots->count == 0 ? 0 : COPIES_MAX_FIFTHS * own_bytes * asked / (5 * roots->count);
+    return roots->count == 0
+               ? 0
+               : UMB__COPIES_MAX_FIFTHS * own_bytes_of(survey) * asked / (5 * roots->count);
+}
+
+/* Returns the share of `bytes`, those of `asked` roots with copies, to the most that they may take,
+ * as a multiple of the bytes without copies. */
+static double copies_of(uint64_t bytes, uint64_t most)
+{
+    const double ratio = most > 0 ? (double)bytes / (double)most * UMB__COPIES_MAX : 1.0;
+    return ratio > 1.0 ? ratio : 1.0;
 }
 
 static enum umb_status sampler_begin(struct sampler *sampler, const struct umb__pack_walk *walk)
@@ -210,6 +223,7 @@ static enum umb_status sample_copies(const struct umb__pack_walk *walk,
     }
     umb__free(alloc, s.samplers);
     *worth = bytes <= most;
+    walk->order->copies = copies_of(bytes, most);
     return status == UMB_OK
                ? UMB_OK
                : umb_fail(walk->error, status, "packing: no memory for a sample of the pages");
@@ -227,6 +241,7 @@ struct umb__pack_ordering {
     struct umb__node_list roots; /* Roots of the current band; in the end of the lowest one */
     size_t next_root;            /* Index of the next root to visit */
     bool complete;               /* True if all nodes are ordered */
+    bool never_copies;
     const struct umb_alloc *alloc;
 };
 
@@ -271,7 +286,9 @@ static enum umb_status visit_all_with_copies(struct umb__pack_ordering *o, bool 
     const uint32_t page_count = t->order->page_count;
     t->closed_bytes = 0;
     UMB__TRY(visit_band(t, &o->roots));
-    *worth = t->closed_bytes <= bytes_most(&o->survey, &o->roots, o->roots.count);
+    const uint64_t most = bytes_most(&o->survey, &o->roots, o->roots.count);
+    *worth = t->closed_bytes <= most && !o->never_copies;
+    t->order->copies = copies_of(t->closed_bytes, most);
     o->complete = *worth;
     if (!*worth) {
         umb__pack_rewind(t, page_count, UMB__LOWEST_END);
@@ -292,6 +309,7 @@ static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
     t->numbers_roots = !has_roots_below(t->octree, UMB__LOWEST_END - 1);
     UMB__TRY(sample_step(&o->roots) == 1 ? visit_all_with_copies(o, &worth)
                                          : sample_copies(t, &o->roots, workers, &worth));
+    worth = worth && !o->never_copies;
     t->order->alone_from = worth ? page_count : UINT32_MAX;
     if (worth) {
         return UMB_OK;
@@ -362,7 +380,7 @@ static enum umb_status make_hints(struct umb__pack_walk *t)
 }
 
 enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
-                                      const struct umb_workers *workers,
+                                      const struct umb_workers *workers, bool never_copies,
                                       struct umb__pack_order *order,
                                       struct umb__pack_ordering **out, struct umb_error *error)
 {
@@ -375,6 +393,7 @@ enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
         return umb__pack_no_memory(error);
     }
     o->alloc = octree->alloc;
+    o->never_copies = never_copies;
     UMB__TRY(umb__pack_survey(octree, &o->survey, error));
     memcpy(order->counts, o->survey.counts, sizeof order->counts);
     o->walk = (struct umb__pack_walk){

@@ -53,6 +53,7 @@ struct umb__pack_order {
     /* [ordinal / UMB__PACK_HINT] Page of every 16th ordinal, and of the last. */
     uint32_t *hints[UMB_LEVEL_MAX + 1];
     uint64_t counts[UMB_LEVEL_MAX + 1]; /* Number of distinct reached nodes of each level */
+    double copies; /* Estimated bytes of the lowest band with copies, over those without */
     const struct umb_alloc *alloc;
 };
 
@@ -68,14 +69,15 @@ struct umb__pack_ordering; /* opaque */
 /*
  * Orders everything before the first independent page; the whole octree if no page is independent.
  *
- * In:    workers: helpers for the sample that decides on independent pages; or NULL.
+ * In:    workers: helpers for the sample that decides on independent pages; or NULL. never_copies:
+ *        true: no page is independent, whatever the sample says.
  * Out:   order: filled by the steps; finish it after `out`. Finish both also after a failure.
  * Fails: E_NO_MEMORY, E_ARGUMENT (a child or root out of range), E_TOO_LARGE (too many pages,
  *        or copies).
  */
 UMB_CHECKED enum umb_status umb__pack_order_begin(const struct umb__octree *octree,
                                                   const struct umb_workers *workers,
-                                                  struct umb__pack_order *order,
+                                                  bool never_copies, struct umb__pack_order *order,
                                                   struct umb__pack_ordering **out,
                                                   struct umb_error *error);
 

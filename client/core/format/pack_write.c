@@ -314,8 +314,8 @@ static enum umb_status make_pages(struct writer *w)
 {
     w->worker_count = w->job->workers ? w->job->workers->count : 1;
     w->step = STEP_PAGES * w->worker_count;
-    enum umb_status status =
-        umb__pack_order_begin(w->job->octree, w->job->workers, &w->order, &w->ordering, w->error);
+    enum umb_status status = umb__pack_order_begin(
+        w->job->octree, w->job->workers, w->job->never_copies, &w->order, &w->ordering, w->error);
     status = status == UMB_OK ? create_workers(w) : status;
     status = status == UMB_OK ? make_rounds(w) : status;
     umb__pack_ordering_destroy(w->ordering);
@@ -503,6 +503,9 @@ enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID
     umb__free(w.alloc, w.workers);
     umb__free(w.alloc, (void *)w.stored);
     umb__free(w.alloc, w.entries);
+    if (job->figures != NULL) {
+        job->figures->copies = w.order.copies;
+    }
     umb__pack_order_finish(&w.order);
     umb__free(w.alloc, w.blocks);
     umb__free(w.alloc, w.canonical);

@@ -7,8 +7,24 @@
  * doubles w is computed as ((o + ex x) + ey y) + ez z. Rounding keeps each of these operations
  * monotone, so over a cube of voxels the computed w has its exact extremes at two corners. The test
  * of a cube therefore needs no margin, and agrees with tests of all its voxels.
+ *
+ * In a face of a lamp a coordinate is W (d + ex x + ey y), where W is linear in z. Both factors are
+ * monotone, and so is their product over a range of one factor. So the extremes are at corners
+ * again, four of which must be tried. Voxels whose place another face answers are left out: there a
+ * face is the cells in which other faces' W, linear in x and y for each W of the own, is below 1.
  */
 #include "query/volume_parts.h"
+
+/* A face of a lamp, for boxes. */
+struct face {
+    double direction[3];  /* From the light to texel coordinate (0, 0), where W = 1 */
+    double scale, offset; /* W = scale z + offset */
+    double position[3];   /* Position of the light, minus the asset's origin */
+    uint32_t other_count;
+    double others[UMB__FACES_MAX][3]; /* W of another face for each own W: constant, and for each
+                                         texel of x and of y */
+    double limits[UMB__FACES_MAX];    /* Values that these must be below */
+};
 
 /* The voxels low <= v < high, none outside the frustum. */
 struct range {
@@ -19,6 +35,7 @@ struct count {
     const struct umb__tree *tree;
     struct range range;          /* Range of voxels that may lie inside */
     const struct umb_box *world; /* Box in world space; NULL: the whole range lies inside */
+    const struct face *face;     /* Face of a lamp; NULL: a directional light */
     double start[3];   /* World coordinates of voxel (0, 0, 0), minus the asset's origin */
     double step[3][3]; /* World vectors of a voxel; row i: along voxel axis i */
     double origin[3];  /* Origin of the asset */
@@ -56,7 +73,7 @@ enum cover {
     COVER_ALL
 };
 
-/* Returns the world coordinate of a voxel's centre, as volume.h defines it. */
+/* Returns the world coordinate of a voxel's centre under parallel light, as volume.h defines it. */
 static inline double centre(const struct count *count, unsigned axis, const int32_t voxel[3])
 {
     double w = count->start[axis];
@@ -66,23 +83,84 @@ static inline double centre(const struct count *count, unsigned axis, const int3
     return w + count->origin[axis];
 }
 
+/* Returns a function that is linear in texels, at the middle of texel (x, y). */
+static inline double linear(double constant, double a, double b, int32_t x, int32_t y)
+{
+    return (constant + ((double)x + 0.5) * a) + ((double)y + 0.5) * b;
+}
+
+/* Returns the world coordinate of a voxel's centre in a face, as volume.h defines it. In: across:
+ * the coordinate from the light where W = 1. */
+static inline double face_centre(const struct count *count, unsigned axis, double across, int32_t z)
+{
+    const struct face *face = count->face;
+    const double w = face->scale * ((double)z + 0.5) + face->offset;
+    return (w * across + face->position[axis]) + count->origin[axis];
+}
+
+/* Least and greatest value over some voxels. */
+struct bounds {
+    double least, most;
+};
+
+/* Returns the bounds of a linear function over the texels low..high (inclusive). */
+static struct bounds linear_bounds(double constant, double a, double b, const int32_t low[3],
+                                   const int32_t high[3])
+{
+    return (struct bounds){
+        linear(constant, a, b, a >= 0 ? low[0] : high[0], b >= 0 ? low[1] : high[1]),
+        linear(constant, a, b, a >= 0 ? high[0] : low[0], b >= 0 ? high[1] : low[1])};
+}
+
+/* Returns the bounds of a world coordinate over the voxels low..high (inclusive). */
+static struct bounds coordinate_bounds(const struct count *count, unsigned axis,
+                                       const int32_t low[3], const int32_t high[3])
+{
+    int32_t least[3], most[3];
+    if (count->face != NULL) {
+        const struct bounds across = linear_bounds(
+            count->face->direction[axis], count->step[0][axis], count->step[1][axis], low, high);
+        const double a = face_centre(count, axis, across.least, low[2]);
+        const double b = face_centre(count, axis, across.least, high[2]);
+        const double c = face_centre(count, axis, across.most, low[2]);
+        const double d = face_centre(count, axis, across.most, high[2]);
+        /* W is below 0 in cubes that reach behind the light. */
+        return (struct bounds){fmin(fmin(a, b), fmin(c, d)), fmax(fmax(a, b), fmax(c, d))};
+    }
+    for (unsigned k = 0; k < 3; k++) {
+        bool rising = count->step[k][axis] >= 0;
+        least[k] = rising ? low[k] : high[k];
+        most[k] = rising ? high[k] : low[k];
+    }
+    return (struct bounds){centre(count, axis, least), centre(count, axis, most)};
+}
+
 /* Returns whether all, some or none of the voxels low..high (inclusive) lie inside a slab of the
  * world box. */
 static enum cover slab_cover(const struct count *count, unsigned axis, const int32_t low[3],
                              const int32_t high[3])
 {
     const double min = count->world->min[axis], max = count->world->max[axis];
-    int32_t least[3], most[3];
-    for (unsigned k = 0; k < 3; k++) {
-        bool rising = count->step[k][axis] >= 0;
-        least[k] = rising ? low[k] : high[k];
-        most[k] = rising ? high[k] : low[k];
-    }
-    double least_w = centre(count, axis, least), most_w = centre(count, axis, most);
-    if (!(most_w >= min && least_w < max)) {
+    const struct bounds w = coordinate_bounds(count, axis, low, high);
+    if (!(w.most >= min && w.least < max)) {
         return COVER_NONE;
     }
-    return least_w >= min && most_w < max ? COVER_ALL : COVER_SOME;
+    return w.least >= min && w.most < max ? COVER_ALL : COVER_SOME;
+}
+
+/* Returns whether the own face answers for all, some or none of the voxels, as far as another face
+ * is concerned. */
+static enum cover other_cover(const struct count *count, uint32_t other, const int32_t low[3],
+                              const int32_t high[3])
+{
+    const double *w = count->face->others[other], limit = count->face->limits[other];
+    const struct bounds ratio = linear_bounds(w[0], w[1], w[2], low, high);
+    return !(ratio.least < limit) ? COVER_NONE : ratio.most < limit ? COVER_ALL : COVER_SOME;
+}
+
+static uint32_t count_others(const struct count *count)
+{
+    return count->face != NULL && count->world != NULL ? count->face->other_count : 0;
 }
 
 static enum cover cube_cover(const struct count *count, const struct cube *cube)
@@ -102,6 +180,10 @@ static enum cover cube_cover(const struct count *count, const struct cube *cube)
         enum cover slab = slab_cover(count, axis, cube->low, high);
         cover = slab < cover ? slab : cover;
     }
+    for (uint32_t i = 0; cover != COVER_NONE && i < count_others(count); i++) {
+        const enum cover other = other_cover(count, i, cube->low, high);
+        cover = other < cover ? other : cover;
+    }
     return cover;
 }
 
@@ -114,6 +196,41 @@ static void range_masks(const struct range *range, const struct cube *brick, uin
     for (int32_t i = 0; i < 8; i++) {
         const int32_t z = brick->low[2] + i;
         inside[i] = z >= range->low[2] && z < range->high[2] ? slice : 0;
+    }
+}
+
+/* Removes the texels of a brick that another face answers for. */
+static void other_masks(const struct count *count, uint32_t other, const struct cube *brick,
+                        uint64_t inside[8])
+{
+    const double *w = count->face->others[other], limit = count->face->limits[other];
+    uint64_t own = 0;
+    for (int32_t i = 0; i < 64; i++) {
+        const double ratio = linear(w[0], w[1], w[2], brick->low[0] + i % 8, brick->low[1] + i / 8);
+        own |= (uint64_t)(ratio < limit) << i;
+    }
+    for (int32_t z = 0; z < 8; z++) {
+        inside[z] &= own;
+    }
+}
+
+/* Removes the voxels of a face whose centre is outside a slab of the world box. */
+static void face_slab_masks(const struct count *count, unsigned axis, const struct cube *brick,
+                            uint64_t inside[8])
+{
+    const double min = count->world->min[axis], max = count->world->max[axis];
+    double across[64];
+    for (int32_t i = 0; i < 64; i++) {
+        across[i] = linear(count->face->direction[axis], count->step[0][axis], count->step[1][axis],
+                           brick->low[0] + i % 8, brick->low[1] + i / 8);
+    }
+    for (int32_t z = 0; z < 8; z++) {
+        uint64_t bits = 0;
+        for (int32_t i = 0; inside[z] != 0 && i < 64; i++) {
+            const double w = face_centre(count, axis, across[i], brick->low[2] + z);
+            bits |= (uint64_t)(w >= min && w < max) << i;
+        }
+        inside[z] &= bits;
     }
 }
 
@@ -157,7 +274,12 @@ static void count_cut_brick(struct count *count, const struct cube *brick, const
     const int32_t last[3] = {brick->low[0] + 7, brick->low[1] + 7, brick->low[2] + 7};
     for (unsigned axis = 0; count->world && axis < 3; axis++) {
         if (slab_cover(count, axis, brick->low, last) == COVER_SOME) {
-            slab_masks(count, axis, brick, inside);
+            (count->face != NULL ? face_slab_masks : slab_masks)(count, axis, brick, inside);
+        }
+    }
+    for (uint32_t i = 0; i < count_others(count); i++) {
+        if (other_cover(count, i, brick->low, last) == COVER_SOME) {
+            other_masks(count, i, brick, inside);
         }
     }
     for (int32_t z = 0; z < 8; z++) {
@@ -276,20 +398,23 @@ static struct count begin_count(const struct umb__tree *tree, const struct umb_b
                           .watch = watch};
 }
 
-/* Counts the voxels of the range; if there is a world box, only those inside that box. */
-static enum umb_status count_box(struct count *count, struct umb_box_answer *answer, size_t box,
-                                 struct umb_error *error)
+/* Starts a box. */
+static void begin_box(struct count *count, struct umb_box_answer *answer)
 {
     count->answer = answer;
     count->steps = 0;
     count->given_up = false;
     count->next_question = count->watch ? UMB_BOX_STEPS : count->most;
     *answer = (struct umb_box_answer){0};
-    count_range(count);
+}
+
+/* Ends a box. Fails: E_LIMIT (it took too many steps, and there is no watch). */
+static enum umb_status end_box(const struct count *count, size_t box, struct umb_error *error)
+{
     if (!count->given_up) {
         return UMB_OK;
     }
-    *answer = (struct umb_box_answer){0, UINT64_MAX};
+    *count->answer = (struct umb_box_answer){0, UINT64_MAX};
     return count->watch
                ? UMB_OK
                : umb_fail(error, UMB_E_LIMIT,
@@ -329,6 +454,87 @@ static struct range range_around(const struct umb__volume *v, const struct umb_b
     return range;
 }
 
+/* Sets up the voxels of a face: job->step has the vectors of a texel where W = 1. */
+static void set_face(const struct umb__volume *v, uint32_t number, struct face *face,
+                     struct count *job)
+{
+    const struct umb_frustum_info *info = &v->faces[number];
+    const double(*m)[4] = info->world_to_voxel;
+    double axis[3] = {m[3][0], m[3][1], m[3][2]};
+    memcpy(job->step, info->voxel_step, sizeof job->step);
+    *face = (struct face){.scale = 0};
+    memcpy(face->position, v->position, sizeof face->position);
+    umb__face_depth(info, &face->scale, &face->offset);
+    umb__scale(1 / umb__dot(axis, axis), axis); /* now W = 1 on it */
+    const double x = umb__dot(m[0], axis), y = umb__dot(m[1], axis);
+    for (unsigned k = 0; k < 3; k++) {
+        face->direction[k] = axis[k] - x * job->step[0][k] - y * job->step[1][k];
+    }
+    for (uint32_t i = 0; i < v->face_count; i++) {
+        const double *w = v->faces[i].world_to_voxel[3];
+        if (i != number) { /* Of equal ones the first answers */
+            face->limits[face->other_count] = i < number ? 1 : nextafter(1, 2);
+            double *other = face->others[face->other_count++];
+            other[0] = umb__dot(w, face->direction);
+            other[1] = umb__dot(w, job->step[0]);
+            other[2] = umb__dot(w, job->step[1]);
+        }
+    }
+    job->face = face;
+}
+
+/* Returns a range of a face's voxels that contains all with a centre in a world box, with room for
+ * rounding. The corners tell it, unless some are behind the light. */
+static struct range face_range(const struct umb__volume *v, uint32_t number,
+                               const struct umb_box *box)
+{
+    const struct umb_frustum_info *info = &v->faces[number];
+    const double(*m)[4] = info->world_to_voxel, size = (double)((uint32_t)1 << info->log2_size);
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double first_w = umb__face_first_w(info);
+    double scale, offset;
+    umb__face_depth(info, &scale, &offset);
+    for (unsigned c = 0; c < 8; c++) {
+        double p[3];
+        for (unsigned k = 0; k < 3; k++) {
+            p[k] = (c >> k & 1 ? box->max[k] : box->min[k]) - v->origin[k];
+        }
+        const double w = umb__affine(m[3], p);
+        for (unsigned k = 0; k < 3; k++) {
+            const double at = umb__affine(m[k], p) / (k < 2 ? w : 1);
+            const bool known = (k == 2 || w >= first_w) && isfinite(at);
+            low[k] = known ? fmin(low[k], at) : -INFINITY;
+            high[k] = known ? fmax(high[k], at) : INFINITY;
+        }
+    }
+    struct range range;
+    /* Voxels whose centre is at the light or behind it are none. */
+    low[2] = fmax(low[2], -offset / scale + 0.5);
+    for (unsigned k = 0; k < 3; k++) {
+        range.low[k] = clamp(floor(low[k]) - 1, (int32_t)size);
+        range.high[k] = clamp(floor(high[k]) + 2, (int32_t)size);
+    }
+    while (range.low[2] < range.high[2] && !(scale * (range.low[2] + 0.5) + offset > 0)) {
+        range.low[2]++; /* At most the two voxels of room */
+    }
+    return range;
+}
+
+/* Counts the voxels of a box in all faces of a lamp. */
+static void count_faces(const struct umb__volume *v, struct count *job)
+{
+    for (uint32_t i = 0; i < v->face_count && !job->given_up; i++) {
+        const struct umb__tree tree = umb__volume_tree(v, i);
+        struct face face;
+        job->tree = &tree;
+        set_face(v, i, &face, job);
+        job->range = face_range(v, i, job->world);
+        count_range(job);
+    }
+    job->tree = &v->tree;
+    job->face = NULL;
+}
+
 enum umb_status umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes,
                                  size_t first, size_t count, const struct umb_box_watch *watch,
                                  struct umb_box_answers *answers, struct umb_error *error)
@@ -344,9 +550,15 @@ enum umb_status umb_volume_boxes(const struct umb_volume *volume, const struct u
         }
     }
     for (size_t i = first; status == UMB_OK && i < first + count; i++) {
-        job.range = v.face_count > 0 ? (struct range){0} : range_around(&v, &boxes[i]);
+        begin_box(&job, &answers->boxes[i]);
         job.world = &boxes[i];
-        status = count_box(&job, &answers->boxes[i], i, error);
+        if (v.face_count > 0) {
+            count_faces(&v, &job);
+        } else {
+            job.range = range_around(&v, &boxes[i]);
+            count_range(&job);
+        }
+        status = end_box(&job, i, error);
     }
     return status;
 }
@@ -366,7 +578,9 @@ enum umb_status umb_volume_voxel_boxes(const struct umb_volume *volume,
             job.range.low[k] = (int32_t)(low < 0 ? 0 : low > size ? size : low);
             job.range.high[k] = (int32_t)(high < 0 ? 0 : high > size ? size : high);
         }
-        status = count_box(&job, &answers->boxes[i], i, error);
+        begin_box(&job, &answers->boxes[i]);
+        count_range(&job);
+        status = end_box(&job, i, error);
     }
     return status;
 }

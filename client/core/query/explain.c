@@ -105,6 +105,7 @@ static void explain_parallel(const struct umb__query *q, const struct umb_points
                              size_t index, struct umb_explanation *e)
 {
     double start[3], p[3];
+    struct umb__lift lift;
     const struct umb_points one = umb__some_points(points, index, 1);
     *e = (struct umb_explanation){.transmittance = 1};
     const struct umb_query_stats stats = answer_one(q, q->kernel, &one, e);
@@ -120,9 +121,12 @@ static void explain_parallel(const struct umb__query *q, const struct umb_points
     e->voxel_size_m = edge_m(q);
     umb__position(q, &one, 0, start);
     memcpy(p, start, sizeof p);
-    (void)umb__move(q, &one, 0, p);
+    (void)umb__move(q, &one, 0, p, &lift);
     umb__to_voxel(q, p, e->voxel);
+    const double deeper = umb__lift_depth(&lift, e->voxel);
+    e->voxel[2] += deeper;
     for (unsigned axis = 0; axis < 3; axis++) {
+        p[axis] += deeper * q->voxel_step[2][axis];
         double d = p[axis] - start[axis];
         e->bias_m += d * d;
         e->moved[axis] = p[axis] + q->origin[axis];
@@ -188,10 +192,11 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         explanation->transmittance = umb__transmittance_at(&q, points, index);
         explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
     }
-    if (q.footprint_inner != NULL) { /* The window is explained as without a footprint */
+    const bool is_wide = q.face_count > 0 && q.filter == UMB_FILTER_PENUMBRA;
+    if (q.footprint_inner != NULL || is_wide) { /* The window is explained as without the filter */
         const struct umb_points one = umb__some_points(points, index, 1);
         (void)answer_one(&q, q.run, &one, explanation);
         explanation->filter = q.filter;
-        explanation->footprint_m = umb__footprint_of(&q, &one, 0);
+        explanation->footprint_m = is_wide ? 0 : umb__footprint_of(&q, &one, 0);
     }
 }

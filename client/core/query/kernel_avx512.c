@@ -10,6 +10,7 @@
 #include "query/kernel_runs_avx512.h"
 #include "query/kernel_windows_avx512.h"
 #define UMB__KERNEL         umb__kernel_avx512
+#define UMB__TENT           umb__tent_avx512
 #define UMB__PLACER         umb__wide_placer
 #define UMB__PLACER_INIT    umb__wide_placer_init
 #define UMB__PLACE          umb__wide_place_points
@@ -23,6 +24,7 @@
 #define UMB__TOUCHED_STATES umb__touched_states_avx512
 #define UMB__SPREAD_SETTLED umb__spread_settled_avx512
 #define UMB__COUNT_WINDOWS  umb__count_windows_avx512
+#define UMB__WEIGH_WINDOWS  umb__weigh_windows_avx512
 #define UMB__RUNS_OF        umb__runs_of_avx512
 #define UMB__MERGE_HEADS    umb__merge_heads
 #define UMB__READ_BRICK     umb__read_brick_avx512
@@ -49,5 +51,11 @@ void umb__kernel_avx512(const struct umb__query *query, const struct umb_points 
                         size_t first, size_t count, struct umb_answers *answers)
 {
     umb__kernel_base(query, points, first, count, answers);
+}
+
+void umb__tent_avx512(const struct umb__query *query, const struct umb_points *points, size_t first,
+                      size_t count, struct umb_answers *answers)
+{
+    umb__tent_base(query, points, first, count, answers);
 }
 #endif

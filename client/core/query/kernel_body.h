@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * The body of a query kernel; included by kernel_base.c, kernel_avx2.c and kernel_avx512.c, which
- * name the function (UMB__KERNEL). Kernels for vector instructions also name the steps that are
- * hand-written with them; else the steps are those in C, listed below. There is no include guard:
- * each file includes this one once.
+ * name the functions (UMB__KERNEL, UMB__TENT). Kernels for vector instructions also name the steps
+ * that are hand-written with them; else the steps are those in C, listed below. There is no include
+ * guard: each file includes this one once.
  *
  * Points go in blocks of 64, and a block goes stage by stage: place (voxel space, window), grid,
  * one stage for each level of wide nodes, bricks, store. One bit a point says whether its look-up
@@ -24,6 +24,9 @@
 #define UMB__COMPARE_POINTS umb__compare_points
 #define UMB__READ_RUNS      umb__read_runs
 #define UMB__READ_BRICK     umb__read_brick
+#endif
+#ifndef UMB__WEIGH_WINDOWS
+#define UMB__WEIGH_WINDOWS umb__weigh_windows
 #endif
 #ifndef UMB__TAKE_HEADS /* Steps that only AVX-512 has hand-written */
 #define UMB__TAKE_HEADS                            umb__take_heads
@@ -56,8 +59,9 @@ static void answer_points(const struct umb__query *query, const struct UMB__PLAC
     umb__end_descents(&descents, stats);
 }
 
-static void answer_windows(const struct umb__query *query, const struct UMB__PLACER *placer,
-                           size_t first, size_t end, void *values, struct umb_query_stats *stats)
+UMB__INLINE void answer_blocks(const struct umb__query *query, const struct UMB__PLACER *placer,
+                               size_t first, size_t end, const struct umb__tent *tent, void *values,
+                               struct umb_query_stats *stats)
 {
     struct umb__block block;
     struct umb__window_masks masks;
@@ -69,9 +73,15 @@ static void answer_windows(const struct umb__query *query, const struct UMB__PLA
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__ASK_FOR_ANSWERS(query, values, first);
         UMB__PLACE_WINDOWS(placer, first, &block, stats);
-        count_windows(query, &masks, &block, &idle, &known, stats);
+        count_windows(query, &masks, tent, &block, &idle, &known, stats);
         umb__store_block(query, &block, first, values);
     }
+}
+
+static void answer_windows(const struct umb__query *query, const struct UMB__PLACER *placer,
+                           size_t first, size_t end, void *values, struct umb_query_stats *stats)
+{
+    answer_blocks(query, placer, first, end, NULL, values, stats);
 }
 
 void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points, size_t first,
@@ -82,5 +92,22 @@ void UMB__KERNEL(const struct umb__query *query, const struct umb_points *points
     UMB__PLACER_INIT(query, points, &placer);
     (query->taps == 1 ? answer_points : answer_windows)(query, &placer, first, first + count,
                                                         answers->values, &stats);
+    umb_query_stats_add(&answers->stats, &stats);
+}
+
+/* Answers tents. A tent of one texel is a box. */
+void UMB__TENT(const struct umb__query *query, const struct umb_points *points, size_t first,
+               size_t count, struct umb_answers *answers)
+{
+    struct umb_query_stats stats = {.points = count};
+    struct UMB__PLACER placer;
+    struct umb__tent tent;
+    UMB__PLACER_INIT(query, points, &placer);
+    if (query->taps == 1) {
+        answer_points(query, &placer, first, first + count, answers->values, &stats);
+    } else {
+        umb__tent_make(query->taps, &tent);
+        answer_blocks(query, &placer, first, first + count, &tent, answers->values, &stats);
+    }
     umb_query_stats_add(&answers->stats, &stats);
 }

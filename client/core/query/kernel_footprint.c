@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Footprints: the share of the light that reaches the patch of a surface that a pixel covers. All
- * arithmetic is in doubles, one point at a time, the same on all machines.
+ * arithmetic is in doubles, the same on all machines. Kernels find the footprints of 64 points at a
+ * time (kernel_receivers.h) and answer their squares under parallel light (kernel_squares_body.h).
+ * Where another stage stands inside this one, of lamps or translucent casters, each point's samples
+ * go through it.
  *
  * Level 0 of a point is its window of `taps` texels, as without a footprint. Level k > 0 is the
  * mean of one-tap look-ups spread over a square of its surface, 2^k windows wide: the plane through
@@ -10,86 +13,36 @@
  * so that answers are continuous: for footprints f1 < f2 they differ by at most 2 (f2 - f1) / f1.
  *
  * Why a plane: a wider window, coarser voxels (MRAA) and occupancies of nodes (VOAA), as in Sintorn
- * et al. 2014, section 5, all lie at one depth. They need a bias as long as their width, and most
- * of their error comes from that bias (figures: docs/results/techniques.md). The lift replaces that
- * bias. It goes along the light, so no edge is displaced, and clears the surface's relief within a
- * pixel.
+ * et al. 2014, section 5, all lie at one depth. On slopes they need a lift as long as their width,
+ * and find the slope itself (figures: docs/results/techniques.md). A square of the surface follows
+ * the slope. Its lift, along the light, only clears the surface's relief within a pixel.
  */
-#include "query/perspective.h"
+#include "query/kernels.h"
 #include "query/slice_count.h"
 #include "query/stages.h"
 
-#define CHUNK 512U /* Points whose windows are answered at a time; whole bytes of bit answers */
+#define CHUNK   512U /* Points whose windows are answered at a time; whole bytes of bit answers */
+#define SAMPLES UMB__SQUARE_SAMPLES
 
-#define SAMPLES 32U /* Look-ups of a level: a rank-1 lattice over the square ... */
-#define STRIDE  25U /* ... whose generator meets edges of all directions best */
-
-/* Least cosine between a normal and the direction to the eye. At smaller cosines a pixel's patch of
- * surface keeps its length. */
-#define GRAZING 0.0625
-
-/* A point, its surface and its light. */
-struct receiver {
-    double p[3];      /* Position in metres, relative to the asset's origin */
-    float given[3];   /* Normal as given; 0 without one */
-    double normal[3]; /* Unit normal; towards the light without one */
-    double light[3];  /* Unit vector in which the light travels here */
-    double reach;     /* Distance in metres to the light; infinite for parallel light */
-    bool has_normal, facing_away;
+/* Some points on their way: answer = near + weight * (far - near). */
+struct chunk {
+    struct umb__query window; /* The least window ... */
+    struct umb__query one;    /* ... and one tap: what levels are made of */
+    bool alone; /* True: samples go through the stages inside, point by point; false: the kernel of
+                   squares answers them */
+    struct umb_points points; /* Points of the chunk */
+    double near[CHUNK], far[CHUNK], weight[CHUNK];
+    uint32_t window_count;
+    uint16_t windows[CHUNK];         /* Points that need their window */
+    bool both[CHUNK];                /* True: `near` is a square; false: the window */
+    struct umb__receivers receivers; /* Those of a block of the points */
 };
-
-static void read_receiver(const struct umb__query *q, const struct umb_points *points, size_t i,
-                          struct receiver *r)
-{
-    umb__position(q, points, i, r->p);
-    memcpy(r->light, q->direction, sizeof r->light);
-    r->reach = INFINITY;
-    if (q->face_count > 0) {
-        umb__subtract(r->p, q->position, r->light);
-        r->reach = umb__length(r->light);
-        for (unsigned axis = 0; axis < 3 && r->reach > 0; axis++) {
-            r->light[axis] /= r->reach;
-        }
-    }
-    const double length2 = umb__normal(points, i, r->normal), length = sqrt(length2);
-    r->has_normal = umb__is_normal(length2);
-    for (unsigned axis = 0; axis < 3; axis++) {
-        r->given[axis] = (float)r->normal[axis];
-        r->normal[axis] = r->has_normal ? r->normal[axis] / length : -r->light[axis];
-    }
-    r->facing_away = r->has_normal && umb__dot(r->normal, r->light) >= 0;
-}
-
-/* Returns the side of the square with the area of the surface that a pixel covers. */
-static double pixel_patch(const struct umb__query *q, const struct receiver *r)
-{
-    double view[3];
-    umb__subtract(r->p, q->eye, view);
-    const double distance = umb__length(view);
-    if (!r->has_normal) {
-        return q->pixel_rad * distance;
-    }
-    const double cosine = distance > 0 ? fabs(umb__dot(r->normal, view)) / distance : 1.0;
-    return q->pixel_rad * distance / sqrt(fmax(cosine, GRAZING));
-}
-
-static double patch_of(const struct umb__query *q, const struct umb_points *points, size_t i,
-                       const struct receiver *r)
-{
-    double side = q->footprint_m;
-    if (points->footprints) {
-        side = umb__scalar_at(points->footprints, UMB_POINT_F32, i);
-    } else if (q->pixel_rad > 0) {
-        side = pixel_patch(q, r);
-    }
-    return side > 0 ? fmin(side, UMB_FOOTPRINT_MAX) : 0; /* NaN: 0 */
-}
 
 double umb__footprint_of(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
-    struct receiver r;
-    read_receiver(q, points, i, &r);
-    return patch_of(q, points, i, &r);
+    struct umb__receivers r;
+    q->kernels->receivers(q, points, i, 1, &r);
+    return r.side[0];
 }
 
 /* Finds two unit vectors along the surface. */
@@ -107,99 +60,153 @@ static void span(const double n[3], double a[3], double b[3])
     umb__cross(n, a, b);
 }
 
-/* Places the samples of one level: a square of `side` metres around the receiver. */
-static void place_level(const struct umb__query *q, const struct receiver *r, double side,
-                        double places[SAMPLES][3])
+/* Places the samples of one level: a square of `side` metres around receiver i. */
+static void place_level(const struct umb__query *q, const struct umb__receivers *r, uint32_t i,
+                        double side, double places[SAMPLES][3])
 {
+    const double n[3] = {r->normal[0][i], r->normal[1][i], r->normal[2][i]};
+    const double lift = q->bias_mode == UMB_BIAS_AUTO ? 0.5 * fmin(side, r->reach[i]) : 0;
     double a[3], b[3];
-    span(r->normal, a, b);
-    const double lift = q->bias_mode == UMB_BIAS_AUTO ? 0.5 * fmin(side, r->reach) : 0;
-    for (uint32_t i = 0; i < SAMPLES; i++) {
-        const uint32_t j = i * STRIDE % SAMPLES;
-        const double u = (((double)i + 0.5) / SAMPLES - 0.5) * side;
-        const double v = (((double)j + 0.5) / SAMPLES - 0.5) * side;
+    span(n, a, b);
+    for (uint32_t k = 0; k < SAMPLES; k++) {
+        const double u = umb__square_place(k, 0) * side, v = umb__square_place(k, 1) * side;
         for (unsigned axis = 0; axis < 3; axis++) {
-            places[i][axis] = r->p[axis] + u * a[axis] + v * b[axis] - lift * r->light[axis];
+            places[k][axis] = r->p[axis][i] + u * a[axis] + v * b[axis] - lift * r->light[axis][i];
         }
     }
 }
 
-/* Answers the samples of one or two levels, by their means. */
-static void look_up(const struct umb__query *one, const struct receiver *r, double places[][3],
-                    unsigned levels, double means[2], struct umb_query_stats *stats)
+/* Answers the squares of receiver i through the stages inside this one. */
+static void look_up_alone(const struct chunk *chunk, struct umb__receivers *r, uint32_t i,
+                          struct umb_query_stats *stats)
 {
+    const struct umb__query *one = &chunk->one;
+    double places[2 * SAMPLES][3], sums[2] = {0, 0};
     float normals[2 * SAMPLES][3], values[2 * SAMPLES];
-    const size_t count = levels * SAMPLES;
-    for (size_t i = 0; i < count; i++) {
-        memcpy(normals[i], r->given, sizeof normals[i]);
+    const size_t first = r->both[i] ? 0 : SAMPLES;
+    place_level(one, r, i, r->level_m[i], places);
+    place_level(one, r, i, 2 * r->level_m[i], places + SAMPLES);
+    for (size_t k = 0; k < 2 * SAMPLES; k++) {
+        for (unsigned axis = 0; axis < 3; axis++) {
+            normals[k][axis] = (float)r->given[axis][i];
+        }
     }
     struct umb_points points = {.positions = places,
                                 .format = UMB_POINT_F64,
-                                .normals = r->has_normal ? normals : NULL,
-                                .count = count};
+                                .normals = r->has_normal[i] ? normals : NULL,
+                                .count = 2 * SAMPLES};
     memcpy(points.origin, one->origin, sizeof points.origin);
     struct umb_answers answers = {.values = values};
-    one->run(one, &points, 0, count, &answers);
+    one->run(one, &points, first, 2 * SAMPLES - first, &answers);
     stats->nodes += answers.stats.nodes;
     stats->bricks += answers.stats.bricks;
-    for (unsigned level = 0; level < levels; level++) {
-        double lit = 0;
-        for (uint32_t i = 0; i < SAMPLES; i++) {
-            lit += (double)values[level * SAMPLES + i];
+    for (size_t k = first; k < 2 * SAMPLES; k++) {
+        sums[k / SAMPLES] += (double)values[k];
+    }
+    r->mean[0][i] = sums[0] / SAMPLES;
+    r->mean[1][i] = sums[1] / SAMPLES;
+}
+
+/* Answers the squares of a block of receivers. In: at: its first point's place in the chunk. */
+static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
+{
+    struct umb__receivers *r = &chunk->receivers;
+    for (uint32_t i = 0; i < r->count && chunk->alone; i++) {
+        if (!r->window[i]) {
+            look_up_alone(chunk, r, i, stats);
         }
-        means[level] = lit / SAMPLES;
+    }
+    if (!chunk->alone) {
+        chunk->one.kernels->squares(&chunk->one, r, stats);
+    }
+    for (uint32_t i = 0; i < r->count; i++) {
+        const bool window = r->window[i] != 0;
+        chunk->near[at + i] = window ? 0 : r->mean[0][i];
+        chunk->far[at + i] = window ? 0 : r->mean[1][i];
+        chunk->weight[at + i] = r->weight[i];
+        chunk->both[at + i] = r->both[i] && !window;
     }
 }
 
-/* Returns the answer of a receiver. In: window: answer of the receiver's window. */
-static double answer(const struct umb__query *q, const struct umb__query *one,
-                     const struct receiver *r, double side, double window,
-                     struct umb_query_stats *stats)
+/* Lists the points of a block that need their window, and counts the others. In: at: as above. */
+static void list_windows(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
-    double texel_m = q->face_count > 0 ? umb__perspective_texel_m(q, r->p) : q->texel_m;
-    double level_m = (double)q->taps * texel_m; /* width of the level below the footprint */
-    if (!(side > level_m) || !(level_m > 0) || r->facing_away) {
-        return window;
+    const struct umb__receivers *r = &chunk->receivers;
+    for (uint32_t i = 0; i < r->count; i++) {
+        if (!chunk->both[at + i] || chunk->alone) {
+            chunk->windows[chunk->window_count++] = (uint16_t)(at + i);
+        } else {
+            const double voxel[3] = {r->voxel[0][i], r->voxel[1][i], r->voxel[2][i]};
+            (void)umb__window_at(&chunk->one, voxel, stats);
+            stats->points++;
+        }
     }
-    unsigned level = 0;
-    for (; 2 * level_m <= side && level < UMB_FOOTPRINT_LEVEL_MAX - 1; level++) {
-        level_m *= 2;
+}
+
+/* Copies the points that need their window. */
+static void gather_windows(const struct chunk *chunk, double places[CHUNK][3],
+                           float normals[CHUNK][3], struct umb_points *windows)
+{
+    const struct umb_points *all = &chunk->points;
+    const size_t bytes = 3 * (all->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
+    *windows = *all;
+    windows->count = chunk->window_count;
+    windows->positions = places;
+    windows->normals = all->normals != NULL ? normals : NULL;
+    for (uint32_t k = 0; k < chunk->window_count; k++) {
+        const size_t i = chunk->windows[k];
+        memcpy((uint8_t *)places + bytes * k, (const uint8_t *)all->positions + bytes * i, bytes);
+        if (all->normals != NULL) {
+            memcpy(normals[k], (const uint8_t *)all->normals + 12 * i, sizeof normals[k]);
+        }
     }
-    double places[2 * SAMPLES][3], means[2];
-    unsigned count = 0;
-    if (level > 0) {
-        place_level(q, r, level_m, places);
-        count++;
+}
+
+/* Answers the windows that the chunk needs. */
+static void answer_windows(struct chunk *chunk, struct umb_query_stats *stats)
+{
+    double places[CHUNK][3];
+    float normals[CHUNK][3], values[CHUNK];
+    struct umb_points windows = chunk->points;
+    struct umb_answers answers = {.values = values, .stats = *stats};
+    if (chunk->window_count < chunk->points.count) {
+        gather_windows(chunk, places, normals, &windows);
     }
-    place_level(q, r, 2 * level_m, places + count * SAMPLES);
-    count++;
-    look_up(one, r, places, count, means, stats);
-    const double near = level > 0 ? means[0] : window, far = means[count - 1];
-    return near + fmin((side - level_m) / level_m, 1) * (far - near);
+    chunk->window.run(&chunk->window, &windows, 0, windows.count, &answers);
+    *stats = answers.stats;
+    for (uint32_t k = 0; k < chunk->window_count; k++) {
+        const uint32_t i = chunk->windows[k];
+        chunk->near[i] = chunk->both[i] ? chunk->near[i] : (double)values[k];
+    }
 }
 
 static void footprint_run(const struct umb__query *q, const struct umb_points *points, size_t first,
                           size_t count, struct umb_answers *answers)
 {
-    struct umb__query window = *q; /* The least window, and one tap: what levels are made of */
-    window.run = q->footprint_inner;
-    window.format = UMB_ANSWER_F32;
-    struct umb__query one = window;
-    one.taps = 1;
-    one.no_normal_m = q->sample_no_normal_m;
-    float values[CHUNK];
+    struct chunk chunk;
+    chunk.window = *q;
+    chunk.window.run = q->footprint_inner;
+    chunk.window.format = UMB_ANSWER_F32;
+    chunk.one = chunk.window;
+    chunk.one.taps = 1;
+    chunk.one.no_normal_m = q->sample_no_normal_m;
+    chunk.alone = q->footprint_inner != q->kernel;
     for (size_t done = 0; done < count; done += CHUNK) {
         const size_t at = first + done, n = count - done < CHUNK ? count - done : CHUNK;
-        const struct umb_points chunk = umb__some_points(points, at, n);
-        struct umb_answers windows = {.values = values, .stats = answers->stats};
-        window.run(&window, &chunk, 0, n, &windows);
-        answers->stats = windows.stats;
-        for (size_t i = 0; i < n; i++) {
-            struct receiver r;
-            read_receiver(q, points, at + i, &r);
-            const double side = patch_of(q, points, at + i, &r);
-            const double share = answer(q, &one, &r, side, (double)values[i], &answers->stats);
-            umb__store_share(answers->values, q->format, at + i, share);
+        chunk.points = umb__some_points(points, at, n);
+        chunk.window_count = 0;
+        for (uint32_t i = 0; i < n; i += UMB__RECEIVERS) {
+            const uint32_t left = (uint32_t)n - i;
+            q->kernels->receivers(q, &chunk.points, i,
+                                  left < UMB__RECEIVERS ? left : UMB__RECEIVERS, &chunk.receivers);
+            answer_squares(&chunk, i, &answers->stats);
+            list_windows(&chunk, i, &answers->stats);
+        }
+        answer_windows(&chunk, &answers->stats);
+        for (uint32_t i = 0; i < n; i++) {
+            const double near = chunk.near[i], far = chunk.far[i];
+            umb__store_share(answers->values, q->format, at + i,
+                             near + chunk.weight[i] * (far - near));
         }
     }
 }
@@ -232,6 +239,7 @@ static void set(const struct umb__plan *plan, struct umb__query *q)
     umb__subtract(plan->settings->eye, plan->content->origin, q->eye);
     q->texel_m = (umb__length(q->voxel_step[0]) + umb__length(q->voxel_step[1])) / 2;
     q->sample_no_normal_m = umb__no_normal_m(plan, q, 1);
+    q->kernels = umb__kernels_here();
     q->footprint_inner = q->run;
     q->run = footprint_run;
 }
@@ -242,6 +250,6 @@ const struct umb__filter umb__filter_footprint = {
     .partial = "filter: footprint: a partial asset tells of windows only; ask the whole",
     .check = check,
     .set = set,
-    .slice = 512, /* points of up to 4 us each */
+    .slice = 512, /* points of up to 4 us each, where they go one by one */
     .work = 64,   /* two levels of 32 look-ups */
 };

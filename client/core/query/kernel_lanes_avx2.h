@@ -20,7 +20,8 @@ typedef __m256d umb__lane_mask;
 #define UMB__MASK_BITS(mask)             ((unsigned)_mm256_movemask_pd(mask))
 #define UMB__LANES_SELECT(mask, yes, no) _mm256_blendv_pd(no, yes, mask)
 /* Rounds towards zero; INT32_MIN for numbers beyond 32 bits and NaN. */
-#define UMB__LANES_TRUNCATE(a) _mm256_cvttpd_epi32(a)
+#define UMB__LANES_TRUNCATE(a)  _mm256_cvttpd_epi32(a)
+#define UMB__LANES_FROM_INTS(i) _mm256_cvtepi32_pd(i)
 
 /* Returns the lanes in which any of three numbers is negative, or -0. */
 static inline unsigned umb__lanes_negative(umb__lanes a, umb__lanes b, umb__lanes c)

@@ -146,12 +146,14 @@ static inline void umb__place_point(const struct umb__query *q, const struct umb
     }
     struct umb__window window = umb__window_at(q, v, stats);
     if (window.all_lit) {
-        block->lit[i] = (uint32_t)(q->taps * q->taps);
+        block->lit[i] = q->total;
     } else if (window.outside == 0 && umb__stages_fit(q)) {
         block->x[i] = window.x0;
         block->y[i] = window.y0;
         block->z[i] = window.z;
         block->todo |= (uint64_t)1 << i;
+    } else if (q->filter == UMB_FILTER_TENT) {
+        block->lit[i] = umb__weigh_tent(q, v, &window, stats);
     } else {
         block->lit[i] = window.outside + umb__count_window(q, &window, stats);
     }
@@ -206,7 +208,7 @@ static inline void umb__place_block(const struct umb__placer *placer, size_t fir
 static inline void umb__grid_block(const struct umb__query *q, struct umb__block *block)
 {
     uint32_t level = q->log2_size - q->grid_log2, g = q->grid_log2;
-    uint32_t total = (uint32_t)(q->taps * q->taps);
+    uint32_t total = q->total;
     int32_t reach = q->taps - 1;
     uint64_t mixed = 0;
     for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
@@ -241,7 +243,7 @@ UMB__INLINE void umb__store_floats(const struct umb__block *block, uint32_t coun
 static inline void umb__store_block(const struct umb__query *q, const struct umb__block *block,
                                     size_t first, void *values)
 {
-    uint32_t total = (uint32_t)(q->taps * q->taps);
+    uint32_t total = q->total;
     if (q->format == UMB_ANSWER_F32) {
         uint8_t *to = (uint8_t *)values + first * sizeof(float);
         const bool whole = block->size == UMB__BLOCK;

@@ -24,20 +24,23 @@
  * texels before the point's texel, and is inside if both its ends are. A block with a doubtful
  * point is placed again; one coordinate in 2^27 is doubtful.
  *
- * Normals: points are moved along their normals n by lengths computed in floats (u = 2^-24), added
- * as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the sum of |m_k| over
- * an axis's row m. S is the sum of |e_k| over the voxel's three edges e, those of x and y times the
- * taps. `longest` is UMB__BIAS_SLACK S / 2, or the given length. The automatic bias is at most the
- * normal times longest N / n.n. The roundings:
- *  - The product of the normal and an edge or a row rounds each constant, one product and two fused
- *    ones: 4 u of the sum of its terms. Three of these products are added: 6 u of N S.
- *  - The factor of that sum is rounded, and so is the product: 8 u. n.n has 3 u and the quotient
- *    one more: 12 u of longest N / n.n. A given length, which takes the root of n.n, has less.
- *  - The product with a row adds 4 u and its own rounding: 17 u of longest A N N / n.n, which is at
- *    most 17 u of longest A.
- * So the slack grows by 32 u longest A, usually some 2^-17 of a voxel. It is rounded up to a power
- * of two, so that fractions are tested by their bits. The roundings of umb__move, in doubles, are
- * far below the difference of 32 u and 17 u.
+ * Normals of a given bias: points are moved along their normals n by lengths computed in floats (u
+ * = 2^-24), added as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the
+ * sum of |m_k| over an axis's row m. The roundings: the product of the normal and a row rounds each
+ * constant, one product and two fused ones, 4 u of the sum of its terms; the length, its quotient
+ * by the root of n.n and the last product have 8 u. So the slack grows by 32 u times the length
+ * times A, rounded up to a power of two, so that fractions are tested by their bits.
+ *
+ * Normals of the automatic bias (umb__lift_auto): all in doubles (w = 2^-53), with n.n as above and
+ * one reciprocal for all quotients. With l the lengths of a voxel's edges, a lift of `most` voxels
+ * or less has |n.ez| >= |n| l2 / (sqrt(18) r), where r is (l0 + l1) / 2 over the shorter of l0 and
+ * l1. That bounds the rounding of the quotients by 150 w r most voxels; queries for which it is
+ * above half a unit go without fixed point. So do those with moves of UMB__MOVE_MOST voxels along
+ * the normal, whose rounding is 10 w of their length. Each adds half a unit, and so do the sums of
+ * the point and its move, of the step, of the two slopes and of the lift: 12 units in all. Slopes
+ * add up to at most 2 most / taps, and multiply the error of a fraction: the slack grows by that
+ * factor. Whether a lift is the longest is in doubt where the rest is within 64 w of the sum of its
+ * terms' greatest values.
  *
  * Facing away: a normal faces away if its product with the light's direction d is not negative.
  * With D the sum of |d_k|, the product in floats is off by at most 4 u D N. Within 8 u D N of zero
@@ -46,11 +49,12 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-/* Slack in units of 2^-32 voxels: twice the error of the argument above; and the most for normals,
- * a thousandth of a voxel. */
+/* Slack in units of 2^-32 voxels: more than the error of the argument above; and the most for
+ * normals, a thousandth of a voxel. */
 #define UMB__FIXED_SLACK 16
 #define UMB__FIXED_MOST  (1 << 22)
 #define UMB__FLOATS_MOST 1e10 /* Largest number computed with in floats: nothing overflows */
+#define UMB__MOVE_MOST   1e5  /* Voxels of an automatic move: it rounds by half a unit */
 #define UMB__FIXED_BASE  (1 << 20)
 #define UMB__FIXED_HIGH  0x41300000 /* Upper half of the bits of the double 2^20 */
 
@@ -64,10 +68,13 @@ struct umb__wide_placer {
     __m512i sure;       /* Bits of which a sure fraction has at least one */
     /* For points with normals. */
     bool automatic; /* True: the bias is automatic */
-    __m512 row[3][3], step[3][3];
+    bool follows;   /* True: lifts count from the plane's depth at the centre of a texel */
+    __m512 row[3][3];
     __m512 direction[3];
-    __m512 doubt;  /* Largest product with the direction whose sign is in doubt */
-    __m512 length; /* Length of the bias in metres; automatic: its factor */
+    __m512 doubt;      /* Largest product with the direction whose sign is in doubt */
+    __m512 length;     /* Length of a given bias in metres */
+    __m512d centre;    /* Fraction of the centre of a texel, in fixed point */
+    double rest_doubt; /* Largest rest of a lift whose sign is in doubt */
 };
 
 /* Returns the nearest float; for numbers too large, any float. */
@@ -76,35 +83,55 @@ static inline float umb__float_of(double value)
     return (float)fmax(fmin(value, 1e30), -1e30);
 }
 
+/* Sets up the automatic bias. Returns its greatest length along a normal; infinite if the roundings
+ * of the lift are too large. */
+static inline double umb__wide_lift_init(const struct umb__query *q,
+                                         struct umb__wide_placer *placer)
+{
+    const double half = 0.5 * UMB__BIAS_SLACK, most = umb__longest_lift(q);
+    double sums[3], length[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const double *step = q->voxel_step[axis];
+        sums[axis] = fabs(step[0]) + fabs(step[1]) + fabs(step[2]);
+        length[axis] = umb__length(step);
+    }
+    const double longest = half * ((double)q->taps * (sums[0] + sums[1]) + sums[2]);
+    const double uneven = (length[0] + length[1]) / 2 / fmin(length[0], length[1]);
+    placer->follows = q->taps > 1;
+    placer->rest_doubt = 64 * 0x1p-53 * 2 * (longest + most * sums[2]); /* N is 2 at most */
+    return 150 * 0x1p-53 * uneven * most <= 0.5 * 0x1p-32 ? longest : INFINITY;
+}
+
 /* Sets up the constants for points with normals. Returns the greatest length of a bias. */
 static inline double umb__wide_mover_init(const struct umb__query *q,
                                           struct umb__wide_placer *placer)
 {
-    double edges = 0, light = 0;
+    double light = 0;
     placer->automatic = q->bias_mode == UMB_BIAS_AUTO;
+    placer->follows = false;
     for (unsigned axis = 0; axis < 3; axis++) {
-        const double edge_weight = axis < 2 ? q->taps : 1;
         light += fabs(q->direction[axis]);
         placer->direction[axis] = _mm512_set1_ps(umb__float_of(q->direction[axis]));
         for (unsigned k = 0; k < 3; k++) {
-            const double step = edge_weight * q->voxel_step[axis][k];
-            edges += fabs(step);
-            placer->step[axis][k] = _mm512_set1_ps(umb__float_of(step));
             placer->row[axis][k] = _mm512_set1_ps(umb__float_of(q->world_to_voxel[axis][k]));
         }
     }
-    const double length = placer->automatic ? 0.5 * UMB__BIAS_SLACK : q->bias_m;
-    placer->length = _mm512_set1_ps(umb__float_of(length));
+    placer->length = _mm512_set1_ps(umb__float_of(q->bias_m));
     placer->doubt = _mm512_set1_ps(umb__float_of(8 * 0x1p-24 * 2 * light)); /* N is 2 at most */
-    const double longest = placer->automatic ? length * edges : fabs(length);
+    const double longest = placer->automatic ? umb__wide_lift_init(q, placer) : fabs(q->bias_m);
     return light < UMB__FLOATS_MOST ? longest : INFINITY;
 }
 
-/* Returns the slack for steps of that many voxels: a power of two. */
-static inline int32_t umb__wide_slack(double voxels)
+/* Returns the slack for normals: a power of two. In: voxels: greatest length of a bias in voxels.
+ * */
+static inline int32_t umb__wide_slack(const struct umb__query *q,
+                                      const struct umb__wide_placer *placer, double voxels)
 {
+    const double slopes = placer->follows ? 2 * umb__longest_lift(q) / q->taps : 0;
+    const double wanted = placer->automatic ? UMB__FIXED_SLACK * (1 + slopes)
+                                            : UMB__FIXED_SLACK + 32 * 0x1p-24 * 0x1p32 * voxels;
     int32_t slack = UMB__FIXED_SLACK;
-    while (slack < UMB__FIXED_MOST && slack < UMB__FIXED_SLACK + 32 * 0x1p-24 * 0x1p32 * voxels) {
+    while (slack < UMB__FIXED_MOST && slack < wanted) {
         slack *= 2;
     }
     return slack;
@@ -115,7 +142,8 @@ static inline double umb__wide_base(const struct umb__query *q, const struct umb
                                     unsigned axis, double longest, double *most)
 {
     const double *m = q->world_to_voxel[axis];
-    double base = m[3], far = fabs(m[3]), steep = 0;
+    const double lift = longest > 0 ? 2 * umb__longest_lift(q) : 0; /* With its slopes */
+    double base = m[3], far = fabs(m[3]) + lift, steep = 0;
     for (unsigned k = 0; k < 3; k++) {
         const double offset = points->origin[k] - q->origin[k];
         const double push = points->normals == NULL ? q->direction[k] * q->no_normal_m : 0;
@@ -148,10 +176,13 @@ static inline void umb__wide_placer_init(const struct umb__query *q,
             placer->to_voxel[axis][k] = _mm512_set1_pd(m[k]);
         }
     }
-    const int32_t slack = umb__wide_slack(steepest * longest);
+    const int32_t slack =
+        longest > 0 ? umb__wide_slack(q, placer, steepest * longest) : UMB__FIXED_SLACK;
     placer->fits &= slack < UMB__FIXED_MOST && steepest < UMB__FLOATS_MOST;
+    placer->fits &= !placer->automatic || steepest * longest < UMB__MOVE_MOST;
     placer->fits &= longest < UMB__FLOATS_MOST; /* Also false for NaN */
     placer->sure = _mm512_set1_epi32(-2 * slack);
+    placer->centre = _mm512_set1_pd(0.5 + slack * 0x1p-32);
     for (unsigned axis = 0; axis < 3; axis++) {
         placer->base[axis] = _mm512_set1_pd(base[axis] + (UMB__FIXED_BASE + slack * 0x1p-32));
     }
@@ -261,9 +292,15 @@ static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
     return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], v[0] * w[0]));
 }
 
-/* Steps along the normals, in voxels: of the first and the last eight of sixteen points. */
+/* Moves of eight points, in voxels. */
+struct umb__eight_steps {
+    __m512d step[3];
+    __m512d slope[2]; /* Of lifts that count from the centre of a texel; else not set */
+};
+
+/* Moves of sixteen points. */
 struct umb__sixteen_steps {
-    __m512d low[3], high[3];
+    struct umb__eight_steps low, high;
     __mmask16 usable; /* Points whose normal the argument above covers */
     __mmask16 away;   /* Usable points that face away */
 };
@@ -281,10 +318,80 @@ static inline __mmask16 umb__face_away(const struct umb__lane_placer *placer, co
     return (__mmask16)(first | second << 8);
 }
 
+static inline __m512d umb__dot_eight(const __m512d v[3], const __m512d w[3])
+{
+    return _mm512_fmadd_pd(v[2], w[2], _mm512_fmadd_pd(v[1], w[1], v[0] * w[0]));
+}
+
+/* Returns 1 / a to some roundings: each step doubles the 14 good bits. */
+static inline __m512d umb__reciprocal(__m512d a)
+{
+    const __m512d two = _mm512_set1_pd(2);
+    __m512d r = _mm512_rcp14_pd(a);
+    r = r * _mm512_fnmadd_pd(a, r, two);
+    return r * _mm512_fnmadd_pd(a, r, two);
+}
+
+/* Moves points along their normals by the rest of the longest lift. In: more: points with a rest.
+ * */
+static inline void umb__move_eight(const struct umb__wide_placer *placer, const __m512d n[3],
+                                   __mmask8 more, __m512d rest, struct umb__eight_steps *to)
+{
+    const struct umb__query *q = placer->exact.plain.query;
+    const __m512d scale = _mm512_maskz_mov_pd(more, rest / umb__dot_eight(n, n));
+    const __m512d zero = _mm512_setzero_pd();
+    const __m512d lift = _mm512_set1_pd(umb__longest_lift(q));
+    to->step[2] = _mm512_mask_sub_pd(to->step[2], more, zero, lift);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        to->step[axis] += umb__dot_eight(n, placer->to_voxel[axis]) * scale;
+    }
+    to->slope[0] = _mm512_mask_mov_pd(to->slope[0], more, zero);
+    to->slope[1] = _mm512_mask_mov_pd(to->slope[1], more, zero);
+}
+
+/* umb__lift_auto of eight points. Returns the points whose lift is in doubt. */
+UMB__INLINE __mmask8 umb__lift_eight(const struct umb__wide_placer *placer, const __m512d n[3],
+                                     struct umb__eight_steps *to)
+{
+    const struct umb__query *q = placer->exact.plain.query;
+    const double taps = (double)q->taps, follows = placer->follows ? 1 : 0;
+    const __m512d half = _mm512_set1_pd(0.5 * UMB__BIAS_SLACK), zero = _mm512_setzero_pd();
+    const __m512d most = _mm512_set1_pd(umb__longest_lift(q));
+    __m512d along[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        along[axis] = umb__dot_eight(n, placer->exact.voxel_step[axis]);
+    }
+    const __m512d across = _mm512_abs_pd(along[0]) + _mm512_abs_pd(along[1]);
+    const __m512d depth = _mm512_abs_pd(along[2]), over = umb__reciprocal(depth);
+    const __m512d rest = half * (_mm512_set1_pd(taps) * across + depth) - most * depth;
+    const __mmask8 more = _mm512_cmp_pd_mask(rest, zero, _CMP_GT_OQ);
+    const __m512d doubt = _mm512_set1_pd(placer->rest_doubt);
+    to->step[0] = to->step[1] = zero;
+    to->step[2] =
+        zero - half * (_mm512_set1_pd(taps - follows) * across * over + _mm512_set1_pd(1));
+    to->slope[0] = along[0] * over;
+    to->slope[1] = along[1] * over;
+    if (more) {
+        umb__move_eight(placer, n, more, rest, to);
+    }
+    return _mm512_cmp_pd_mask(_mm512_abs_pd(rest), doubt, _CMP_NGT_UQ);
+}
+
+/* The move of a given bias, of sixteen points. */
+static inline void umb__given_sixteen(const struct umb__wide_placer *placer, const __m512 n[3],
+                                      __m512 length2, struct umb__sixteen_steps *to)
+{
+    const __m512 scale = placer->length / _mm512_sqrt_ps(length2);
+    for (unsigned axis = 0; axis < 3; axis++) {
+        const __m512 step = umb__dot_floats(n, placer->row[axis]) * scale;
+        umb__widen(step, &to->low.step[axis], &to->high.step[axis]);
+    }
+}
+
 UMB__INLINE void umb__step_sixteen(const struct umb__wide_placer *placer, const uint8_t *normals,
                                    struct umb__sixteen_steps *to)
 {
-    __m512 n[3], scale;
+    __m512 n[3];
     umb__split_floats(normals, n);
     const __m512 length2 = umb__dot_floats(n, n);
     to->usable = _mm512_cmp_ps_mask(length2, _mm512_set1_ps(0.25F), _CMP_GE_OQ);
@@ -297,30 +404,35 @@ UMB__INLINE void umb__step_sixteen(const struct umb__wide_placer *placer, const 
         to->away = umb__face_away(&placer->exact, n);
     }
     to->away &= to->usable;
-    if (placer->automatic) {
-        __m512 sum = _mm512_abs_ps(umb__dot_floats(n, placer->step[0]));
-        sum += _mm512_abs_ps(umb__dot_floats(n, placer->step[1]));
-        sum += _mm512_abs_ps(umb__dot_floats(n, placer->step[2]));
-        scale = (sum * placer->length) / length2;
-    } else {
-        scale = placer->length / _mm512_sqrt_ps(length2);
+    if (!placer->automatic) {
+        umb__given_sixteen(placer, n, length2, to);
+        return;
     }
+    __m512d low[3], high[3];
     for (unsigned axis = 0; axis < 3; axis++) {
-        const __m512 step = umb__dot_floats(n, placer->row[axis]) * scale;
-        umb__widen(step, &to->low[axis], &to->high[axis]);
+        umb__widen(n[axis], &low[axis], &high[axis]);
     }
+    const unsigned first = umb__lift_eight(placer, low, &to->low);
+    const unsigned second = umb__lift_eight(placer, high, &to->high);
+    to->usable &= (__mmask16) ~(first | second << 8) | to->away;
 }
 
 /* Computes the voxel coordinates of eight points in fixed point (see the file's first comment).
- * Returns the least fractions. step: NULL for points without normals. */
+ * Returns the least fractions. steps: NULL for points without normals. */
 static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m512d p[3],
-                               const __m512d step[3], __m512i fixed[3])
+                               const struct umb__eight_steps *steps, __m512i fixed[3])
 {
+    const __m512i fraction = _mm512_set1_epi64(0xffffffff);
     for (unsigned axis = 0; axis < 3; axis++) {
         const __m512d *m = placer->to_voxel[axis];
         __m512d sum = placer->base[axis];
-        if (step != NULL) {
-            sum += step[axis];
+        if (steps != NULL) {
+            sum += steps->step[axis];
+        }
+        for (unsigned k = 0; k < 2 && axis == 2 && steps != NULL && placer->follows; k++) {
+            const __m512d floor = _mm512_castsi512_pd(_mm512_andnot_si512(fraction, fixed[k]));
+            const __m512d at = _mm512_castsi512_pd(fixed[k]) - floor;
+            sum = _mm512_fmadd_pd(placer->centre - at, steps->slope[k], sum);
         }
         sum = _mm512_fmadd_pd(p[0], m[0], sum);
         sum = _mm512_fmadd_pd(p[1], m[1], sum);
@@ -357,8 +469,8 @@ UMB__INLINE void umb__place_sixteen(const struct umb__wide_placer *placer,
     const __m512i odd = _mm512_add_epi32(_mm512_add_epi32(back, back), one); /* upper halves */
     const __m512i high = _mm512_set1_epi32(UMB__FIXED_HIGH), none = _mm512_set1_epi32(-1);
     __m512i first[3], second[3], v[3], ends = _mm512_setzero_si512();
-    __m512i least_first = umb__fix(placer, p->low, steps ? steps->low : NULL, first);
-    __m512i least_second = umb__fix(placer, p->high, steps ? steps->high : NULL, second);
+    __m512i least_first = umb__fix(placer, p->low, steps ? &steps->low : NULL, first);
+    __m512i least_second = umb__fix(placer, p->high, steps ? &steps->high : NULL, second);
     for (unsigned axis = 0; axis < 3; axis++) {
         v[axis] = _mm512_permutex2var_epi32(first[axis], odd, second[axis]);
         v[axis] ^= high;

@@ -64,9 +64,39 @@ struct umb__form {
     bool windows; /* True: any number of taps; false: one (AVX-512) */
 };
 
+/* struct umb__lift, a point a lane. */
+struct umb__lanes_lift {
+    umb__lanes depth, slope[2];
+};
+
+/* umb__lift_auto, a point a lane. Returns the move along n in units of n. */
+UMB__INLINE umb__lanes umb__lift_lanes(const struct umb__lane_placer *placer, const umb__lanes n[3],
+                                       umb__lanes length2, struct umb__lanes_lift *lift)
+{
+    const struct umb__query *q = placer->plain.query;
+    const umb__lanes zero = UMB__LANES_OF(0);
+    umb__lanes along[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        along[axis] = umb__lanes_dot(n, placer->voxel_step[axis]);
+    }
+    const double taps = (double)q->taps, follows = q->taps > 1 ? 1 : 0;
+    const umb__lanes across = UMB__LANES_ABS(along[0]) + UMB__LANES_ABS(along[1]);
+    const umb__lanes depth = UMB__LANES_ABS(along[2]), most = UMB__LANES_OF(umb__longest_lift(q));
+    const umb__lanes half = UMB__LANES_OF(0.5 * UMB__BIAS_SLACK);
+    const umb__lanes rest = half * (UMB__LANES_OF(taps) * across + depth) - most * depth;
+    const umb__lane_mask more = UMB__LANES_ABOVE(rest, zero);
+    const umb__lanes exact = half * (UMB__LANES_OF(taps - follows) * across + depth) / depth;
+    lift->depth = UMB__LANES_SELECT(more, most, exact);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        const umb__lanes slope = UMB__LANES_OF(follows) * along[axis] / depth;
+        lift->slope[axis] = UMB__LANES_SELECT(more, zero, slope);
+    }
+    return UMB__LANES_SELECT(more, rest / length2, zero);
+}
+
 /* Moves points with normals as umb__move does. Returns the lanes whose normal faces away. */
-static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
-                                       umb__lanes p[3])
+UMB__INLINE unsigned umb__move_lanes(const struct umb__lane_placer *placer, size_t i,
+                                     umb__lanes p[3], struct umb__lanes_lift *lift)
 {
     const struct umb__query *q = placer->plain.query;
     const uint8_t *normals = placer->plain.points->normals;
@@ -77,13 +107,12 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
     umb__lane_mask has =
         UMB__MASK_AND(UMB__LANES_ABOVE(length2, zero),
                       UMB__LANES_AT_LEAST(UMB__LANES_OF(UMB__LENGTH2_MAX), length2));
+    *lift = (struct umb__lanes_lift){zero, {zero, zero}};
     if (q->bias_mode == UMB_BIAS_AUTO) {
-        umb__lanes sum[3];
-        for (unsigned axis = 0; axis < 3; axis++) {
-            sum[axis] = UMB__LANES_ABS(umb__lanes_dot(n, placer->voxel_step[axis]));
-        }
-        scale = UMB__LANES_OF(q->taps) * (sum[0] + sum[1]) + sum[2];
-        scale = UMB__LANES_OF(0.5 * UMB__BIAS_SLACK) * scale / length2;
+        scale = umb__lift_lanes(placer, n, length2, lift);
+        lift->depth = UMB__LANES_SELECT(has, lift->depth, zero);
+        lift->slope[0] = UMB__LANES_SELECT(has, lift->slope[0], zero);
+        lift->slope[1] = UMB__LANES_SELECT(has, lift->slope[1], zero);
     } else {
         scale = UMB__LANES_OF(q->bias_m) / UMB__LANES_SQRT(length2);
     }
@@ -92,6 +121,15 @@ static inline unsigned umb__move_lanes(const struct umb__lane_placer *placer, si
     }
     umb__lane_mask away = UMB__LANES_AT_LEAST(umb__lanes_dot(n, placer->direction), zero);
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
+}
+
+/* Returns umb__lift_depth, a point a lane. In: v: not negative. at: v, truncated. */
+UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, const umb__lanes v[3],
+                                        const umb__lane_ints at[3])
+{
+    const umb__lanes half = UMB__LANES_OF(0.5);
+    return lift->slope[0] * (half - (v[0] - UMB__LANES_FROM_INTS(at[0]))) +
+           lift->slope[1] * (half - (v[1] - UMB__LANES_FROM_INTS(at[1]))) - lift->depth;
 }
 
 /* First texels of windows, a point a lane, and bits of points negative or facing away. */
@@ -105,6 +143,7 @@ UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_pla
 {
     const uint8_t *positions = placer->plain.points->positions;
     struct umb__placed_lanes to = {.away = 0};
+    struct umb__lanes_lift lift;
     umb__lanes p[3], v[3];
     if (form.f32) {
         umb__lanes_load_f32(positions + 12 * index, p);
@@ -115,7 +154,7 @@ UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_pla
         p[axis] = placer->offset[axis] + p[axis];
     }
     if (form.normals) {
-        to.away = umb__move_lanes(placer, index, p);
+        to.away = umb__move_lanes(placer, index, p, &lift);
     } else if (!form.still) {
         for (unsigned axis = 0; axis < 3; axis++) {
             p[axis] -= placer->push[axis];
@@ -125,6 +164,10 @@ UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_pla
         const umb__lanes *m = placer->to_voxel[axis];
         v[axis] = umb__lanes_dot(p, m) + m[3];
         to.axis[axis] = UMB__LANES_TRUNCATE(v[axis]);
+    }
+    if (form.normals) {
+        v[2] += umb__lift_depths(&lift, v, to.axis);
+        to.axis[2] = UMB__LANES_TRUNCATE(v[2]);
     }
     to.negative = umb__lanes_negative(v[0], v[1], v[2]);
     return to;

@@ -26,7 +26,7 @@ static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__
     const __m128i level = _mm_cvtsi32_si128((int)(q->log2_size - q->grid_log2));
     const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
     const __m256i two = _mm256_set1_epi32(UMB__CELL_FIRST), reach = _mm256_set1_epi32(q->taps - 1);
-    const __m256i total = _mm256_set1_epi32(q->taps * q->taps);
+    const __m256i total = _mm256_set1_epi32((int)q->total);
     uint64_t mixed = 0;
     for (uint32_t i = 0; i < block->size; i += 8) {
         __m256i x = umb__load_eight(block->x + i);

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Filters that weigh the texels of a window by their distance to the centre on both axes: tent and
- * Gaussian. Such weights are sums of boxes: the weight of a row is a sum of popcounts under nested
+ * Weighs the texels of one window by their distance to the centre on both axes, for the Gaussian,
+ * and for tents that the kernels leave out (kernel_tent_steps.h): those cut off by the frustum's
+ * edge. Such weights are sums of boxes: the weight of a row is a sum of popcounts under nested
  * masks (0, 1, 2 ... texels around the centre), each times a whole number. The window's texels are
- * gathered once, as rows of bits, brick by brick. So a filter costs one gather and a few counts in
- * registers, not one box for each mask. All sums are of integers: the same bits on all machines.
+ * gathered once, as rows of bits, brick by brick. All sums are of integers: the same bits on all
+ * machines.
  */
 #include "query/stages.h"
 
@@ -108,23 +109,22 @@ static bool is_uniform(const struct umb__place *place, const struct umb__window 
            w->y0 >> place->level == w->y1 >> place->level;
 }
 
-/* Returns the weight of the lit texels around a moved point. */
-UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], const uint16_t *weights,
+/* Returns the weight of the lit texels around a moved point. In: window: its window. */
+UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3],
+                             const struct umb__window *window, const uint16_t *weights,
                              uint32_t row, struct umb_query_stats *stats)
 {
     const struct umb__tree tree = umb__tree_of(q);
-    const uint32_t total = row * row;
-    struct umb__window w = umb__window_at(q, v, stats);
     struct umb_volume_stats read = {0};
-    if (w.all_lit) {
-        return total;
+    if (window->all_lit) {
+        return q->total;
     }
-    struct umb__place first =
-        umb__tree_locate(&tree, (uint32_t)w.x0, (uint32_t)w.y0, (uint32_t)w.z, &read);
-    uint32_t lit = first.lit ? total : 0;
-    if (!is_uniform(&first, &w)) {
+    struct umb__place first = umb__tree_locate(&tree, (uint32_t)window->x0, (uint32_t)window->y0,
+                                               (uint32_t)window->z, &read);
+    uint32_t lit = first.lit ? q->total : 0;
+    if (!is_uniform(&first, window)) {
         struct rows rows;
-        gather(q, &tree, v, &w, first, &read, &rows);
+        gather(q, &tree, v, window, first, &read, &rows);
         lit = weigh(q, &rows, weights, row);
     }
     stats->nodes += read.nodes;
@@ -132,43 +132,52 @@ UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3], cons
     return lit;
 }
 
-/* Answers a batch. In: weights: weight by distance in texels, 0 behind the last. row: sum of the
- * weights of a row. */
-static void run(const struct umb__query *query, const struct umb_points *points, size_t first,
-                size_t count, const uint16_t *weights, uint32_t row, struct umb_answers *answers)
+uint32_t umb__weigh_tent(const struct umb__query *q, const double v[3],
+                         const struct umb__window *window, struct umb_query_stats *stats)
 {
-    const uint32_t total = row * row;
-    for (size_t i = first; i < first + count; i++) {
-        double v[3];
-        uint32_t lit = 0;
-        if (umb__voxel_at(query, points, i, v)) {
-            lit = look_up(query, v, weights, row, &answers->stats);
-        } else {
-            answers->stats.facing_away++;
-        }
-        umb__store_answer(answers->values, query->format, i, lit, total);
-    }
-    answers->stats.points += count;
-}
-
-static void run_tent(const struct umb__query *query, const struct umb_points *points, size_t first,
-                     size_t count, struct umb_answers *answers)
-{
-    const uint32_t m = (uint32_t)(query->taps + 1) / 2;
+    const uint32_t m = (uint32_t)(q->taps + 1) / 2;
     uint16_t weights[HALF_MAX + 2] = {0};
     for (uint32_t k = 0; k < m; k++) {
         weights[k] = (uint16_t)(m - k);
     }
-    run(query, points, first, count, weights, m * m, answers);
+    return look_up(q, v, window, weights, m * m, stats);
 }
 
 static void run_gaussian(const struct umb__query *query, const struct umb_points *points,
                          size_t first, size_t count, struct umb_answers *answers)
 {
-    run(query, points, first, count, GAUSSIAN[query->taps / 2], GAUSSIAN_ROW, answers);
+    const uint16_t *weights = GAUSSIAN[query->taps / 2];
+    for (size_t i = first; i < first + count; i++) {
+        double v[3];
+        uint32_t lit = 0;
+        if (umb__voxel_at(query, points, i, v)) {
+            const struct umb__window window = umb__window_at(query, v, &answers->stats);
+            lit = look_up(query, v, &window, weights, GAUSSIAN_ROW, &answers->stats);
+        } else {
+            answers->stats.facing_away++;
+        }
+        umb__store_answer(answers->values, query->format, i, lit, query->total);
+    }
+    answers->stats.points += count;
+}
+
+static uint32_t tent_total(int32_t taps)
+{
+    const uint32_t m = (uint32_t)(taps + 1) / 2;
+    return m * m * m * m;
+}
+
+static uint32_t gaussian_total(int32_t taps)
+{
+    (void)taps;
+    return GAUSSIAN_ROW * GAUSSIAN_ROW;
 }
 
 const struct umb__filter umb__filter_tent = {.info = {.name = "tent", .is_window = 1},
-                                             .kernel = run_tent};
+                                             .any_light = true,
+                                             .is_tent = true,
+                                             .total = tent_total};
 const struct umb__filter umb__filter_gaussian = {.info = {.name = "gaussian", .is_window = 1},
-                                                 .kernel = run_gaussian};
+                                                 .any_light = true,
+                                                 .kernel = run_gaussian,
+                                                 .total = gaussian_total};

@@ -10,6 +10,7 @@
  * mask, one popcount (Sintorn et al. 2014, section 6.2). Constant nodes and bricks represent
  * uniform cells and bricks, so that a stage treats all alike.
  */
+#include "query/kernel_tent_steps.h"
 #include "query/kernel_window_steps.h"
 
 /* Lists the level-5 cells that the windows touch. With `share`, consecutive windows that begin in
@@ -172,7 +173,7 @@ static void find_new_cells(const struct umb__query *q, const struct umb__block *
 static void settle_slabs(const struct umb__query *q, const struct umb__window_masks *masks,
                          struct umb__block *block, const struct umb__cells *cells)
 {
-    uint32_t total = (uint32_t)(q->taps * q->taps), reach = (uint32_t)q->taps - 1;
+    uint32_t total = q->total, reach = (uint32_t)q->taps - 1;
     uint64_t unsettled = 0;
     for (uint64_t rest = block->todo; rest; rest &= rest - 1) {
         uint32_t i = umb__first_bit(rest);
@@ -254,9 +255,11 @@ static const struct umb__runs each_alone = {
     false,      {0},
 };
 
-static void count_windows(const struct umb__query *q, const struct umb__window_masks *masks,
-                          struct umb__block *block, struct idle_stages *idle,
-                          struct known_cells *known, struct umb_query_stats *stats)
+/* Answers a block of windows. In: tent: the weights of a tent; NULL: all texels weigh the same. */
+UMB__INLINE void count_windows(const struct umb__query *q, const struct umb__window_masks *masks,
+                               const struct umb__tent *tent, struct umb__block *block,
+                               struct idle_stages *idle, struct known_cells *known,
+                               struct umb_query_stats *stats)
 {
     struct umb__cells cells;
     struct umb__block own, *heads = block;
@@ -291,11 +294,19 @@ static void count_windows(const struct umb__query *q, const struct umb__window_m
         UMB__SPREAD_SETTLED(block, heads, settled, runs);
     }
     const uint64_t *brick[16 * UMB__BLOCK];
-    if (q->taps <= 9) {
+    const bool narrow = q->taps <= 9;
+    if (narrow) {
         find_bricks(q, heads, &cells, 2, brick, stats);
-        UMB__COUNT_WINDOWS(masks, block, heads->todo, runs, 2, brick);
     } else {
         find_bricks(q, heads, &cells, 3, brick, stats);
+    }
+    if (tent != NULL && narrow) {
+        UMB__WEIGH_WINDOWS(tent, block, heads->todo, runs, 2, brick);
+    } else if (tent != NULL) {
+        UMB__WEIGH_WINDOWS(tent, block, heads->todo, runs, 3, brick);
+    } else if (narrow) {
+        UMB__COUNT_WINDOWS(masks, block, heads->todo, runs, 2, brick);
+    } else {
         UMB__COUNT_WINDOWS(masks, block, heads->todo, runs, 3, brick);
     }
 }

@@ -3,6 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_AVX512_H
 /* The steps of kernel_window_steps.h with AVX-512; the same integers. */
 #include "query/kernel_runs_avx512.h"
+#include "query/kernel_tent_avx2.h"
 #include "query/kernel_window_steps.h"
 
 static inline void umb__make_masks_avx512(int32_t taps, struct umb__window_masks *masks)
@@ -131,6 +132,65 @@ UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks
             const __mmask8 in_run = (__mmask8)_bzhi_u32(0xff, end - i);
             _mm256_mask_storeu_epi32(block->lit + i, in_run,
                                      umb__count_eight(masks, block, i, side, of_head));
+        }
+    }
+}
+
+/* Weighted bits of each byte of eight words: a set bit weighs 1 << plane. */
+UMB__INLINE __m512i umb__weigh_bytes(__m512i words, uint32_t plane)
+{
+    const __m512i low = _mm512_set1_epi8(15);
+    const __m128i counts = _mm_setr_epi8(0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4);
+    const __m512i of = _mm512_broadcast_i32x4(_mm_slli_epi16(counts, (int)plane));
+    const __m512i high = _mm512_srli_epi64(words, 4) & low;
+    return _mm512_add_epi8(_mm512_shuffle_epi8(of, words & low), _mm512_shuffle_epi8(of, high));
+}
+
+/* Returns the weights of windows i .. i + 7. In: windows that begin in one brick. */
+UMB__INLINE __m256i umb__weigh_eight(const struct umb__tent *tent, const struct umb__block *block,
+                                     uint32_t i, uint32_t side, const __m512i brick[9])
+{
+    const __m512i x = _mm512_cvtepi32_epi64(_mm256_loadu_si256((const void *)(block->x + i)));
+    const __m512i y = _mm512_cvtepi32_epi64(_mm256_loadu_si256((const void *)(block->y + i)));
+    const __m512i z = _mm512_cvtepi32_epi64(_mm256_loadu_si256((const void *)(block->z + i)));
+    const uint32_t planes = side == 2 ? UMB__TENT_PLANES - 1 : UMB__TENT_PLANES;
+    __m512i sums = _mm512_setzero_si512();
+    for (uint32_t r = 0; r < side; r++) {
+        const __m512i weights = _mm512_permutexvar_epi64(y, _mm512_load_si512(tent->rows[r]));
+        __m512i row = _mm512_setzero_si512(); /* A byte is at most 81 */
+        for (uint32_t c = 0; c < side; c++) {
+            const __m512i slices = _mm512_permutexvar_epi64(z, brick[side * r + c]);
+            for (uint32_t p = 0; p < planes; p++) {
+                const __m512i columns =
+                    _mm512_permutexvar_epi64(x, _mm512_load_si512(tent->columns[p][c]));
+                row = _mm512_add_epi8(row, umb__weigh_bytes(slices & columns, p));
+            }
+        }
+        sums = _mm512_add_epi16(sums, _mm512_maddubs_epi16(row, weights));
+    }
+    sums = _mm512_madd_epi16(sums, _mm512_set1_epi16(1));
+    return _mm512_cvtepi64_epi32(_mm512_add_epi32(sums, _mm512_srli_epi64(sums, 32)));
+}
+
+/* Does what umb__weigh_windows does, as umb__count_windows_avx512 counts. */
+UMB__INLINE void umb__weigh_windows_avx512(const struct umb__tent *tent, struct umb__block *block,
+                                           uint64_t heads, const struct umb__runs *runs,
+                                           uint32_t side, const uint64_t *const *brick)
+{
+    if (runs->count == block->size) {
+        umb__weigh_windows_avx2(tent, block, heads, runs, side, brick);
+        return;
+    }
+    for (uint64_t rest = heads; rest; rest &= rest - 1) {
+        const uint32_t h = umb__first_bit(rest), end = runs->first[h + 1];
+        __m512i of_head[9];
+        for (uint32_t k = 0; k < side * side; k++) {
+            of_head[k] = _mm512_loadu_si512(brick[16 * h + k]);
+        }
+        for (uint32_t i = runs->first[h]; i < end; i += 8) {
+            const __mmask8 in_run = (__mmask8)_bzhi_u32(0xff, end - i);
+            _mm256_mask_storeu_epi32(block->lit + i, in_run,
+                                     umb__weigh_eight(tent, block, i, side, of_head));
         }
     }
 }

@@ -1,12 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Penumbras of lights with an extent: percentage closer soft shadows (Fernando 2005) on the DAG. A
- * search finds the blockers in the cone of the light's rays to the receiver. Their distance gives
- * the width of the penumbra, and a box of that width at the receiver's depth gives the answer.
- *
- * Columns are those of open bakes: lit down to their first occluder, then shadowed. Under the
- * closed rule the occluder depth map gives the first occluders (format/occluder_depth.h), because a
- * single voxel then proves nothing about the rest of its column.
+ * Penumbras of suns: percentage closer soft shadows (Fernando 2005) on the DAG. A search finds the
+ * blockers in the cone of the light's rays to the receiver. Their distance gives the width of the
+ * penumbra, and a box of that width at the receiver's depth gives the answer. Lamps have the same
+ * search in a space of their own (lamp_penumbra.c).
  *
  * The box lies at one depth, and a sloping receiver would shadow itself under it. So the box is
  * moved towards the light until the receiver's plane is behind all of it. The move is along the
@@ -14,7 +11,9 @@
  * grazing surfaces, since it is half as wide as a cone of the light is high. There it moves at most
  * half the way to them.
  */
-#include "format/occluder_depth.h"
+#include "base/try.h"
+#include "query/first_occluder.h"
+#include "query/lamp_penumbra.h"
 #include "query/slice_count.h"
 #include "query/stages.h"
 
@@ -30,53 +29,11 @@
 
 struct search {
     const struct umb__query *q;
-    struct umb__tree tree;
+    struct umb__occluders occluders;
     double v[3];        /* Position of the receiver in voxel space */
     int64_t x, y;       /* Column of the receiver */
-    uint32_t last;      /* Depth of the last blocker, which is often near the next one's */
     double gaps, cover; /* Sums of s^2 / g and of s^2 / g^2 over the samples that block */
-    struct umb_volume_stats read;
 };
-
-/* Finds the first shadowed voxel of a column by bisection. In: high: a shadowed voxel. The search
- * ends on any tree, because the range shrinks. */
-static uint32_t first_shadowed(struct search *s, uint32_t x, uint32_t y, uint32_t high)
-{
-    uint32_t low = 0, probe = s->last < high ? s->last : high / 2;
-    while (low < high) {
-        const struct umb__place place = umb__tree_locate(&s->tree, x, y, probe, &s->read);
-        const uint32_t side = (uint32_t)1 << place.level, from = probe & -side;
-        const uint32_t lit = place.brick ? umb__brick_depth(place.brick, x, y, 0)
-                             : place.lit ? side
-                                         : 0;
-        if (lit == 0) {
-            high = from;
-        } else if (lit == side) {
-            low = from + side;
-        } else {
-            return from + lit < high ? from + lit : high;
-        }
-        probe = low + (high - low) / 2;
-    }
-    return high;
-}
-
-/* Finds a column's first occluder, if it is at voxel `limit` or before. */
-static bool find_blocker(struct search *s, uint32_t x, uint32_t y, uint32_t limit, uint32_t *depth)
-{
-    const struct umb__query *q = s->q;
-    if (q->occluder_depth != NULL &&
-        umb__occluder_depth_find(q->occluder_depth, q->occluder_depth_root, q->log2_size, x, y,
-                                 depth)) {
-        return *depth <= limit;
-    }
-    const struct umb__place place = umb__tree_locate(&s->tree, x, y, limit, &s->read);
-    if (place.brick ? umb__brick_voxel(place.brick, x, y, limit) : place.lit) {
-        return false;
-    }
-    *depth = first_shadowed(s, x, y, limit);
-    return true;
-}
 
 /* Returns the last voxel whose centre is at least `gap` before the receiver; below 0: none. */
 static double limit_of(const struct search *s, double gap)
@@ -99,13 +56,12 @@ static void add_sample(struct search *s, int64_t x, int64_t y, double stride)
     const double limit = limit_of(s, fmax(gap_of(s, 0, x), gap_of(s, 1, y)));
     uint32_t depth;
     if (x < 0 || x >= size || y < 0 || y >= size || !(limit >= 0) ||
-        !find_blocker(s, (uint32_t)x, (uint32_t)y, (uint32_t)limit, &depth)) {
+        !umb__first_occluder(&s->occluders, (uint32_t)x, (uint32_t)y, (uint32_t)limit, &depth)) {
         return;
     }
     const double gap = fmax(s->v[2] - ((double)depth + 0.5), GAP_MIN);
     s->gaps += stride * stride / gap;
     s->cover += stride * stride / gap / gap;
-    s->last = depth;
 }
 
 /* Samples columns at distances above `inner` strides, up to `outer`. */
@@ -126,7 +82,7 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
  * Where columns stay shadowed, one slice proves that. */
 static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_query_stats *stats)
 {
-    const struct umb__slice slice = {&s->tree, stats, (int64_t)limit};
+    const struct umb__slice slice = {&s->occluders.tree, stats, (int64_t)limit};
     const struct umb__texels texels = {s->x - outer, s->x + outer, s->y - outer, s->y + outer};
     return s->q->occluder_depth == NULL && !umb__slice_has(&slice, texels, false);
 }
@@ -149,11 +105,13 @@ static double blocker_gap(const struct umb__query *q, const double v[3],
                           struct umb_query_stats *stats)
 {
     struct search s = {.q = q,
-                       .tree = umb__tree_of(q),
+                       .occluders = {.tree = umb__tree_of(q),
+                                     .occluder_depth = q->occluder_depth,
+                                     .occluder_depth_root = q->occluder_depth_root,
+                                     .last = UINT32_MAX},
                        .v = {v[0], v[1], v[2]},
                        .x = (int64_t)floor(v[0]),
-                       .y = (int64_t)floor(v[1]),
-                       .last = UINT32_MAX};
+                       .y = (int64_t)floor(v[1])};
     const double reach = fmax(q->reach[0], q->reach[1]);
     add_sample(&s, s.x, s.y, 1);
     for (int64_t outer = 1; outer <= REACH_MAX; outer *= 2) {
@@ -167,8 +125,8 @@ static double blocker_gap(const struct umb__query *q, const double v[3],
             add_ring(&s, inner / stride, outer / stride, stride);
         }
     }
-    stats->nodes += s.read.nodes;
-    stats->bricks += s.read.bricks;
+    stats->nodes += s.occluders.read.nodes;
+    stats->bricks += s.occluders.read.bricks;
     return s.cover > 0 ? s.gaps / s.cover : 0;
 }
 
@@ -283,16 +241,23 @@ static double extent_of(const struct umb__plan *plan)
     return plan->settings->light_extent > 0 ? plan->settings->light_extent : plan->light->extent;
 }
 
+/* Checks that a sun has an extent. */
+static enum umb_status check_sun(const struct umb__plan *plan, struct umb_error *error)
+{
+    const double extent = extent_of(plan);
+    return extent > 0 && extent <= UMB_EXTENT_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNSUPPORTED,
+                          "filter: penumbra: light %u is %g rad across, must be above 0 and at "
+                          "most %g; give its extent",
+                          plan->settings->light, extent, UMB_EXTENT_MAX);
+}
+
 /* Checks that the light has an extent, and that first occluders are known. */
 static enum umb_status check(const struct umb__plan *plan, struct umb_error *error)
 {
-    const double extent = extent_of(plan);
-    if (!(extent > 0 && extent <= UMB_EXTENT_MAX)) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "filter: penumbra: light %u is %g rad across, must be above 0 and at most "
-                        "%g; give its extent",
-                        plan->settings->light, extent, UMB_EXTENT_MAX);
-    }
+    UMB__TRY(plan->light->kind == UMB_LIGHT_DIRECTIONAL ? check_sun(plan, error)
+                                                        : umb__lamp_penumbra_check(plan, error));
     if (plan->frustum->closed && plan->content->occluder_depth == NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
                         "filter: penumbra: light %u was baked under the closed rule, which leaves "
@@ -318,17 +283,22 @@ static void set(const struct umb__plan *plan, struct umb__query *q)
 {
     const double slope = tangent(extent_of(plan) / 2);
     const double depth_m = umb__length(q->voxel_step[2]);
+    q->occluder_depth = plan->frustum->closed ? plan->content->occluder_depth : NULL;
+    if (plan->light->kind != UMB_LIGHT_DIRECTIONAL) {
+        return; /* The faces' own roots are read where they are used */
+    }
     for (unsigned axis = 0; axis < 2; axis++) {
         q->reach[axis] = slope * depth_m / umb__length(q->voxel_step[axis]);
     }
-    if (plan->frustum->closed) {
-        q->occluder_depth = plan->content->occluder_depth;
-        q->occluder_depth_root = plan->content->occluder_depth[q->frustum];
+    if (q->occluder_depth != NULL) {
+        q->occluder_depth_root = q->occluder_depth[q->frustum];
     }
 }
 
 const struct umb__filter umb__filter_penumbra = {
     .info = {.name = "penumbra", .has_extent = 1},
+    .any_light = true,
+    .lamp_run = umb__lamp_penumbra,
     .partial = "filter: penumbra: more light may widen one, so that a partial asset cannot tell "
                "what it knows; ask the whole",
     .check = check,
@@ -337,4 +307,5 @@ const struct umb__filter umb__filter_penumbra = {
     .slice = 512, /* points of 0.3 to 5 us each */
     .work = 32,   /* under a narrow light */
     .work_radian = 900,
+    .work_lamp = 300, /* 10 to 60 us */
 };

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "query/slice_count.h"
 #include "query/stages.h"
 
 #define CHUNK      64U /* Points that are sorted by face at a time */
@@ -45,9 +46,11 @@ static double bias_auto(const struct umb__query *q, const struct umb_frustum_inf
                         const double from_light[3], const double n[3], double w)
 {
     const double *axis = face->world_to_voxel[3];
-    double taps = (double)q->taps;
+    /* A coarse look-up needs two cells, as under parallel light (query.c). */
+    const double steps = q->level > 0 ? umb__coarse_steps(q) : 1;
+    double taps = (double)q->taps * steps;
     double across = fabs(umb__dot(n, face->voxel_step[0])) + fabs(umb__dot(n, face->voxel_step[1]));
-    double thickness = umb__dot(axis, face->voxel_step[2]); /* Thickness of a slice, in W */
+    double thickness = umb__dot(axis, face->voxel_step[2]) * steps; /* Of a slice or cell, in W */
     double along = (fabs(umb__dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
     double growth = 0.5 * taps * across * umb__dot(n, axis);
     double rest = growth > 0 ? 1.0 - growth : 1.0;
@@ -77,9 +80,8 @@ double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
     return w * texel_edges(face) / 2.0;
 }
 
-/* Returns the bias in metres along a unit normal. */
-static double bias_length(const struct umb__query *q, uint32_t face, const double from_light[3],
-                          const double n[3], double w)
+double umb__perspective_bias(const struct umb__query *q, uint32_t face, const double from_light[3],
+                             const double n[3], double w)
 {
     switch (q->bias_mode) {
     case UMB_BIAS_AUTO:
@@ -99,11 +101,12 @@ static double bias_to_light(const struct umb__query *q, uint32_t face, double di
 {
     static const double no_normal[3] = {0, 0, 0};
     if (q->bias_mode != UMB_BIAS_AUTO) {
-        return bias_length(q, face, no_normal, no_normal, w);
+        return umb__perspective_bias(q, face, no_normal, no_normal, w);
     }
     /* (2 taps + 1) / (2 sqrt(3)) voxels of depth, as for parallel light. */
     const struct umb_frustum_info *f = &q->faces[face];
-    double thickness = umb__dot(f->world_to_voxel[3], f->voxel_step[2]);
+    const double steps = q->level > 0 ? umb__coarse_steps(q) : 1;
+    double thickness = umb__dot(f->world_to_voxel[3], f->voxel_step[2]) * steps;
     return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
 }
 
@@ -153,6 +156,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
         s->facing_away = umb__dot(n, from_light) >= 0;
         s->cosine = distance > 0 ? -umb__dot(n, from_light) / distance : 0;
     }
+    s->facing_away |= umb__is_behind_light(q, from_light);
     if (s->facing_away) {
         return;
     }
@@ -162,7 +166,7 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     }
     /* If the move leads into another face, the bias must suffice for that face's voxels, too. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {
-        double bias = has_normal ? bias_length(q, s->face, from_light, n, w)
+        double bias = has_normal ? umb__perspective_bias(q, s->face, from_light, n, w)
                                  : bias_to_light(q, s->face, distance, w);
         s->bias_m = bias > s->bias_m ? bias : s->bias_m;
         for (unsigned axis = 0; axis < 3; axis++) {
@@ -232,6 +236,12 @@ struct chunk {
     uint32_t lit[CHUNK];
 };
 
+/* Returns the number that answers are counted in: weights of the window, or halves of a cell. */
+static uint32_t counted_in(const struct umb__query *q)
+{
+    return q->level > 0 ? 2 : q->total;
+}
+
 /* Answers the chunk's points that belong to a face. */
 static void run_face(const struct umb__query *q, uint32_t face, struct chunk *chunk, size_t count,
                      struct umb_query_stats *stats)
@@ -257,17 +267,16 @@ static void run_face(const struct umb__query *q, uint32_t face, struct chunk *ch
     answers.stats.points = stats->points;
     *stats = answers.stats;
     for (size_t i = 0; i < found; i++) {
-        /* The float is the one nearest to lit / total, and total is at most 289, so the product
-         * rounds to lit exactly. */
-        double total = (double)(q->taps * q->taps);
-        chunk->lit[places[i]] = (uint32_t)((double)values[i] * total + 0.5);
+        /* The float is the one nearest to lit / total. The total is below 2^13 or a power of two up
+         * to 2^22, so the product rounds to lit exactly. */
+        chunk->lit[places[i]] = (uint32_t)((double)values[i] * (double)counted_in(q) + 0.5);
     }
 }
 
 static void perspective_run(const struct umb__query *q, const struct umb_points *points,
                             size_t first, size_t count, struct umb_answers *answers)
 {
-    uint32_t total = (uint32_t)(q->taps * q->taps);
+    const uint32_t total = counted_in(q);
     for (size_t at = first; at < first + count; at += CHUNK) {
         struct chunk chunk;
         size_t n = first + count - at < CHUNK ? first + count - at : CHUNK;
@@ -284,6 +293,49 @@ static void perspective_run(const struct umb__query *q, const struct umb_points 
         }
     }
     answers->stats.points += count;
+}
+
+/* Returns the odd number of texels nearest to the wanted width in metres at point i. */
+static int32_t taps_at(const struct umb__query *q, const struct umb_points *points, size_t i)
+{
+    double p[3];
+    umb__position(q, points, i, p);
+    const double texel_m = umb__perspective_texel_m(q, p);
+    const double half = texel_m > 0 ? floor(q->footprint_m / texel_m / 2) : 0;
+    return half < UMB_TAPS_MAX / 2 ? 2 * (int32_t)half + 1 : UMB_TAPS_MAX;
+}
+
+/* Answers windows of a width in metres: the points of each width as a batch of their own. */
+static void width_run(const struct umb__query *q, const struct umb_points *points, size_t first,
+                      size_t count, struct umb_answers *answers)
+{
+    for (size_t at = first; at < first + count; at += CHUNK) {
+        const size_t n = first + count - at < CHUNK ? first + count - at : CHUNK;
+        int32_t taps[CHUNK];
+        float values[CHUNK];
+        for (size_t i = 0; i < n; i++) {
+            taps[i] = taps_at(q, points, at + i);
+        }
+        for (int32_t width = 1; width <= UMB_TAPS_MAX; width += 2) {
+            struct umb__query one = *q;
+            one.taps = width;
+            one.total = q->total_of != NULL ? q->total_of(width) : (uint32_t)(width * width);
+            one.format = UMB_ANSWER_F32;
+            for (size_t i = 0, end; i < n; i = end) {
+                for (end = i; end < n && (taps[end] == width) == (taps[i] == width); end++) {
+                }
+                if (taps[i] == width) {
+                    const struct umb_points some = umb__some_points(points, at + i, end - i);
+                    struct umb_answers part = {.values = values + i, .stats = answers->stats};
+                    perspective_run(&one, &some, 0, end - i, &part);
+                    answers->stats = part.stats;
+                }
+            }
+        }
+        for (size_t i = 0; i < n; i++) {
+            umb__store_share(answers->values, q->format, at + i, (double)values[i]);
+        }
+    }
 }
 
 static bool applies(const struct umb__plan *plan)
@@ -303,8 +355,15 @@ static void set(const struct umb__plan *plan, struct umb__query *q)
     q->face_count = plan->light->frustum_count;
     q->first_face = first;
     q->bias_m = plan->settings->bias;
+    q->lamp = plan->light;
     umb__subtract(plan->light->position, plan->content->origin, q->position);
     q->run = perspective_run;
+    if (plan->filter->lamp_run != NULL) {
+        q->run = plan->filter->lamp_run;
+    } else if (plan->filter->info.is_window && plan->settings->footprint_m > 0) {
+        q->footprint_m = plan->settings->footprint_m;
+        q->run = width_run;
+    }
 }
 
 const struct umb__stage umb__faces_stage = {applies, set};

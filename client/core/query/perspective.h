@@ -16,7 +16,8 @@ struct umb__sighting {
     int has_normal;
     double cosine;   /* Cosine between the normal and the direction to the light; 0 without a
                         normal */
-    int facing_away; /* 1: its normal faces away, so it is in shadow; the fields below are 0 */
+    int facing_away; /* 1: its normal faces away, or it lies behind an area light's plane, so it is
+                        in shadow; the fields below are 0 */
     uint32_t face;   /* Face of the query; 0 if none covers the point */
     double moved[3]; /* Position of the look-up in metres, relative to the asset's origin */
     double voxel[3]; /* Position in the face's voxel space; far outside if no face covers the
@@ -24,9 +25,27 @@ struct umb__sighting {
     double bias_m;   /* Length of the move in metres */
 };
 
+/* Returns whether the query's lamp is an area light, which shines to one side. */
+static inline bool umb__is_one_sided(const struct umb__query *query)
+{
+    return query->lamp->kind == UMB_LIGHT_RECTANGLE || query->lamp->kind == UMB_LIGHT_DISC;
+}
+
+/* Returns whether a point lies behind the plane of an area light. In: from_light: from the light to
+ * the point. */
+static inline bool umb__is_behind_light(const struct umb__query *query, const double from_light[3])
+{
+    return umb__is_one_sided(query) && !(umb__dot(from_light, query->direction) > 0);
+}
+
 /* Maps point i of a batch. */
 void umb__perspective_map(const struct umb__query *query, const struct umb_points *points, size_t i,
                           struct umb__sighting *sighting);
+
+/* Returns the length in metres by which a surface's points are moved along its unit normal n in a
+ * face. In: from_light: from the light to the point. w: W there, above 0. */
+double umb__perspective_bias(const struct umb__query *query, uint32_t face,
+                             const double from_light[3], const double n[3], double w);
 
 /* Makes the query that answers points given in the voxel space of a face. */
 void umb__perspective_face(const struct umb__query *query, uint32_t face,

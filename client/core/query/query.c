@@ -12,31 +12,8 @@
 #include <string.h>
 
 #include "base/try.h"
+#include "query/kernels.h"
 #include "query/stages.h"
-
-#define FEW 512U /* Number of points up to which a change of the processor's clock does not pay */
-
-/* Runs short batches with AVX2 and others with AVX-512. Wide vectors lower the processor's clock,
- * but pay for longer batches, because points are placed in fixed point (kernel_place_avx512.h). */
-void umb__run_wide(const struct umb__query *query, const struct umb_points *points, size_t first,
-                   size_t count, struct umb_answers *answers)
-{
-    (count > FEW ? umb__kernel_avx512 : umb__kernel_avx2)(query, points, first, count, answers);
-}
-
-static umb__kernel *choose_kernel(void)
-{
-#if defined(__x86_64__)
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") &&
-        __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2")) {
-        const bool wide = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-                          __builtin_cpu_supports("avx512bw") &&
-                          __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd");
-        return wide ? umb__run_wide : umb__kernel_avx2;
-    }
-#endif
-    return umb__kernel_base;
-}
 
 #ifndef UMB_WITHOUT_LEVELS
 static bool has_level(const struct umb__plan *plan)
@@ -47,8 +24,7 @@ static bool has_level(const struct umb__plan *plan)
 static void set_level(const struct umb__plan *plan, struct umb__query *q)
 {
     (void)plan;
-    q->run = q->kernel =
-        q->kernel == umb__kernel_base ? umb__kernel_coarse : umb__kernel_coarse_avx2;
+    q->run = q->kernel = umb__kernels_here()->coarse;
 }
 
 static const struct umb__stage level_stage = {has_level, set_level};
@@ -77,6 +53,7 @@ static void set_bias(const struct umb__plan *plan, struct umb__query *q)
     switch (q->bias_mode) {
     case UMB_BIAS_AUTO:
         q->no_normal_m = steps * umb__no_normal_m(plan, q, q->taps);
+        q->lift_texel = umb__lift_texel(plan->frustum);
         for (unsigned axis = 0; axis < 3 && q->level > 0; axis++) {
             umb__scale(steps, q->voxel_step[axis]);
         }
@@ -122,6 +99,14 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     if (wanted == 0 || plan->filter->info.has_footprints) {
         return UMB_OK;
     }
+    if (!is_parallel(plan)) { /* Texels grow with the distance: each point has its own width */
+        *taps = UMB_TAPS_MAX;
+        return wanted > 0 && wanted <= UMB_FOOTPRINT_MAX
+                   ? UMB_OK
+                   : umb_fail(error, UMB_E_ARGUMENT,
+                              "footprint_m: %g, must be above 0 and at most %g", wanted,
+                              UMB_FOOTPRINT_MAX);
+    }
     const double(*step)[3] = plan->frustum->voxel_step;
     const double texel_m = (umb__length(step[0]) + umb__length(step[1])) / 2;
     const double limit = (UMB_TAPS_MAX + 1) * texel_m;
@@ -135,10 +120,18 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     return UMB_OK;
 }
 
+static umb__kernel *kernel_of(const struct umb__plan *plan)
+{
+    const struct umb__kernels *here = umb__kernels_here();
+    const struct umb__filter *filter = plan->filter;
+    const bool is_own = filter->kernel != NULL && (filter->lamp_run == NULL || is_parallel(plan));
+    return is_own ? filter->kernel : filter->is_tent ? here->tents : here->windows;
+}
+
 /* Returns the query with its kernel alone. */
 static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
 {
-    umb__kernel *kernel = plan->filter->kernel != NULL ? plan->filter->kernel : choose_kernel();
+    umb__kernel *kernel = kernel_of(plan);
     const struct umb__view *view = &plan->asset->view;
     const struct umb_frustum_info *frustum = plan->frustum;
     const struct umb__top *top = &view->tops[plan->light->first_frustum];
@@ -155,6 +148,8 @@ static struct umb__query begin(const struct umb__plan *plan, int32_t taps)
         .column_level = top->column_level,
         .frustum = plan->light->first_frustum,
         .taps = taps,
+        .total = plan->filter->total != NULL ? plan->filter->total(taps) : (uint32_t)(taps * taps),
+        .total_of = plan->filter->total,
         .level = plan->settings->level,
         .filter = plan->settings->filter,
         .bias_mode = plan->settings->bias_mode,

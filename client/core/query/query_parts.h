@@ -20,6 +20,7 @@
 #define UMB__INLINE static inline __attribute__((always_inline))
 
 struct umb__query;
+struct umb__kernels;
 
 /* A kernel, or a stage around one: answers points first .. first + count - 1 as umb_query_run
  * does. */
@@ -45,11 +46,14 @@ struct umb__query {
     uint32_t column_level; /* c: a column is 1 << c texels wide */
     uint32_t frustum;      /* Number of the frustum in the asset */
     int32_t taps;          /* Width of the window in texels */
-    uint32_t level;        /* Level at which look-ups stop; 0: at the voxel */
+    uint32_t total; /* Sum of the weights of a window's texels: the count of an all lit one */
+    uint32_t (*total_of)(int32_t taps); /* The same of windows of any width; NULL: taps * taps */
+    uint32_t level;                     /* Level at which look-ups stop; 0: at the voxel */
     enum umb_filter filter;
     enum umb_bias_mode bias_mode;
     enum umb_answer_format format;
     double bias_m;      /* Bias of VOXELS and METRES: metres along the normal */
+    double lift_texel;  /* Voxels of depth that are as long as a texel of parallel light is wide */
     double no_normal_m; /* Bias for points without a normal: metres towards the light */
     double world_to_voxel[3][4];
     double voxel_step[3][3];
@@ -66,12 +70,14 @@ struct umb__query {
     double eye[3], pixel_rad;  /* Eye relative to the asset's origin, and the angle of its pixels */
     double texel_m;            /* Mean edge of a texel of parallel light, metres */
     double sample_no_normal_m; /* Bias no_normal_m of a query of one tap */
+    const struct umb__kernels *kernels; /* Kernels that read and answer squares */
     /* Spot and point lights (perspective.h). For these the fields about one frustum are not set. */
     const struct umb_frustum_info *faces; /* [face_count] */
     const struct umb__top *tops;          /* [face_count] */
     uint32_t face_count;                  /* Number of faces; 0: a directional light */
     uint32_t first_face;                  /* Number of the first face in the asset */
-    double position[3]; /* Position of the light, relative to the asset's origin */
+    double position[3];                /* Position of the light, relative to the asset's origin */
+    const struct umb_light_info *lamp; /* The light; NULL: a directional light */
     /* Translucent casters (transmittance_stage.c). */
     const struct umb__trans *trans; /* Transmittance maps; NULL: the stage is left out */
     int32_t transmittance_taps;     /* Width in voxels of the box whose transmittance is averaged */
@@ -90,6 +96,10 @@ _Static_assert(sizeof(struct umb__query) <= sizeof(struct umb_query), "opaque qu
  */
 #define UMB__BIAS_SLACK (65.0 / 64.0)
 
+/* Longest lift of the automatic bias in texels, for a window of `taps` texels. It suffices for all
+ * surfaces that the light meets at 26 degrees or more (docs/decisions/0002-automatic-bias.md). */
+#define UMB__LIFT_TEXELS(taps) (2.0 * (double)(taps)-0.5)
+
 #define UMB__LENGTH2_MAX 1e300 /* Largest squared normal that counts as finite */
 
 /* Window of one point, clipped to the frustum. */
@@ -104,6 +114,13 @@ struct umb__window {
 static inline double umb__coarse_steps(const struct umb__query *q)
 {
     return 2.0 * (double)((uint32_t)1 << q->level);
+}
+
+/* Returns the longest lift of the automatic bias in voxels of depth. Coarse look-ups have none,
+ * which keeps their bound. */
+static inline double umb__longest_lift(const struct umb__query *q)
+{
+    return q->level > 0 ? 0 : UMB__LIFT_TEXELS(q->taps) * q->lift_texel;
 }
 
 /* Reads number `index` of an unaligned array of floats or doubles. */
@@ -157,18 +174,57 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 }
 
 /*
- * Moves point i off its surface. Returns false if its normal faces away from the light.
- *
- * Along the unit normal n the point moves by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2. Then the
- * plane of the surface stays on the far side of the whole window: the centres of the window's
- * voxels lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey
- * + z ez) is linear. s n = n * (sum for the unscaled normal) / |n|^2, so no root is taken.
+ * Shift of a look-up in depth, in voxels. The receiver's plane falls by slope[0] and slope[1]
+ * voxels of depth a texel on x and y; the shift counts from its depth at the centre of the point's
+ * texel.
  */
+struct umb__lift {
+    double depth;    /* Towards the light */
+    double slope[2]; /* 0: the shift counts from the point's own depth */
+};
+
+/*
+ * Sets the lift of the automatic bias for a point with normal n, and returns the move along n, in
+ * units of n, that it needs beside the lift.
+ *
+ * The plane of the surface must stay on the far side of the whole window: the centres of its voxels
+ * lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z
+ * ez) is linear. So a look-up must move by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n. The
+ * lift does that along the light, by s / |n.ez| voxels of depth, which displaces no edge of a
+ * shadow. From the plane's depth at the centre of the window itself, taps - 1 suffice. A point that
+ * grazes the light would need a long lift. It gets the longest one, and moves along n for the rest:
+ * s n = n * (sum for the unscaled normal) / |n|^2, so no root is taken.
+ */
+static inline double umb__lift_auto(const struct umb__query *q, const double n[3], double length2,
+                                    struct umb__lift *lift)
+{
+    double along[3];
+    for (unsigned axis = 0; axis < 3; axis++) {
+        along[axis] = umb__dot(n, q->voxel_step[axis]);
+    }
+    const double taps = (double)q->taps, follows = q->taps > 1 ? 1 : 0;
+    const double across = fabs(along[0]) + fabs(along[1]), depth = fabs(along[2]);
+    const double most = umb__longest_lift(q);
+    const double need = 0.5 * UMB__BIAS_SLACK * (taps * across + depth);
+    const double rest = need - most * depth;
+    if (rest > 0) {
+        *lift = (struct umb__lift){most, {0, 0}};
+        return rest / length2;
+    }
+    lift->depth = 0.5 * UMB__BIAS_SLACK * ((taps - follows) * across + depth) / depth;
+    lift->slope[0] = follows * along[0] / depth;
+    lift->slope[1] = follows * along[1] / depth;
+    return 0;
+}
+
+/* Moves point i off its surface, and sets the lift of its look-up. Returns false if its normal
+ * faces away from the light. */
 static inline bool umb__move(const struct umb__query *q, const struct umb_points *points, size_t i,
-                             double p[3])
+                             double p[3], struct umb__lift *lift)
 {
     double n[3];
     const double length2 = umb__normal(points, i, n);
+    *lift = (struct umb__lift){0, {0, 0}};
     if (!umb__is_normal(length2)) {
         for (unsigned axis = 0; axis < 3; axis++) {
             p[axis] -= q->direction[axis] * q->no_normal_m;
@@ -178,20 +234,19 @@ static inline bool umb__move(const struct umb__query *q, const struct umb_points
     if (umb__dot(n, q->direction) >= 0) {
         return false;
     }
-    double scale;
-    if (q->bias_mode == UMB_BIAS_AUTO) {
-        double sum[3];
-        for (unsigned axis = 0; axis < 3; axis++) {
-            sum[axis] = fabs(umb__dot(n, q->voxel_step[axis]));
-        }
-        scale = 0.5 * UMB__BIAS_SLACK * ((double)q->taps * (sum[0] + sum[1]) + sum[2]) / length2;
-    } else {
-        scale = q->bias_m / sqrt(length2);
-    }
+    const double scale = q->bias_mode == UMB_BIAS_AUTO ? umb__lift_auto(q, n, length2, lift)
+                                                       : q->bias_m / sqrt(length2);
     for (unsigned axis = 0; axis < 3; axis++) {
         p[axis] += n[axis] * scale;
     }
     return true;
+}
+
+/* Returns the shift in depth, in voxels, of the look-up at v. */
+static inline double umb__lift_depth(const struct umb__lift *lift, const double v[3])
+{
+    return lift->slope[0] * (0.5 - (v[0] - floor(v[0]))) +
+           lift->slope[1] * (0.5 - (v[1] - floor(v[1]))) - lift->depth;
 }
 
 static inline void umb__to_voxel(const struct umb__query *q, const double p[3], double v[3])
@@ -216,11 +271,15 @@ static inline bool umb__voxel_at(const struct umb__query *q, const struct umb_po
                                  size_t i, double v[3])
 {
     double p[3];
+    struct umb__lift lift;
     umb__position(q, points, i, p);
-    if (!umb__move(q, points, i, p)) {
+    if (!umb__move(q, points, i, p, &lift)) {
         return false;
     }
     umb__to_voxel(q, p, v);
+    if (points->normals != NULL) {
+        v[2] += umb__lift_depth(&lift, v);
+    }
     return true;
 }
 
@@ -298,11 +357,17 @@ static inline void umb__store_answer(void *values, enum umb_answer_format format
 uint32_t umb__count_window(const struct umb__query *q, const struct umb__window *window,
                            struct umb_query_stats *stats);
 
+/* Returns the weight of the lit texels of a tent around v; texels outside the frustum are lit. In:
+ * window: the window of v. */
+uint32_t umb__weigh_tent(const struct umb__query *q, const double v[3],
+                         const struct umb__window *window, struct umb_query_stats *stats);
+
 /* Kernels of windows: one source (kernel_body.h), compiled for each instruction set. */
 umb__kernel umb__kernel_base, umb__kernel_avx2, umb__kernel_avx512;
+umb__kernel umb__tent_base, umb__tent_avx2, umb__tent_avx512;
 
-/* Runs a batch with umb__kernel_avx512, a short one with umb__kernel_avx2. */
-umb__kernel umb__run_wide;
+/* Run a batch with a kernel for AVX-512, a short one with a kernel for AVX2. */
+umb__kernel umb__run_wide, umb__tent_wide;
 
 /* Kernels of look-ups that stop at a level (kernel_coarse_body.h). */
 umb__kernel umb__kernel_coarse, umb__kernel_coarse_avx2;

@@ -76,26 +76,37 @@ static enum umb_status check_light(const struct umb__plan *plan, struct umb_erro
         return umb_fail(error, UMB_E_ARGUMENT, "footprint_m: %g beside %u taps; give one of both",
                         settings->footprint_m, settings->taps);
     }
-    if (plan->light->kind == UMB_LIGHT_DIRECTIONAL || (plan->filter->any_light && !metres)) {
+    const bool can_have_metres = plan->filter->info.is_window;
+    if (plan->light->kind == UMB_LIGHT_DIRECTIONAL ||
+        (plan->filter->any_light && (!metres || can_have_metres))) {
         return UMB_OK;
     }
-    return umb_fail(error, UMB_E_UNSUPPORTED,
-                    "%s: light %u is not directional; it takes the box filter and taps",
-                    plan->filter->any_light ? "footprint_m" : "filter", settings->light);
+    return umb_fail(error, UMB_E_UNSUPPORTED, "%s: light %u is not directional; it takes %s",
+                    plan->filter->any_light ? "footprint_m" : "filter", settings->light,
+                    plan->filter->any_light
+                        ? "taps as the least width of this filter"
+                        : "the filters box, tent, gaussian, penumbra and footprint");
 }
 
-/* Checks coarse look-ups: one tap, parallel light, and a level that every layout has. */
+/* Returns the highest level of coarse look-ups that all frusta of the light have. */
+static uint32_t highest_level(const struct umb__plan *plan)
+{
+    uint32_t highest = UINT32_MAX;
+    for (uint32_t i = 0; i < plan->light->frustum_count; i++) {
+        const uint32_t level = umb_level_max(plan->frustum[i].log2_size);
+        highest = level < highest ? level : highest;
+    }
+    return highest;
+}
+
+/* Checks coarse look-ups: one tap, and a level that every layout has. */
 static enum umb_status check_level(const struct umb__plan *plan, struct umb_error *error)
 {
     const struct umb_query_settings *settings = plan->settings;
-    const uint32_t highest = umb_level_max(plan->frustum->log2_size);
     if (settings->level == 0) {
         return UMB_OK;
     }
-    if (plan->light->kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "level: light %u is not directional; it takes level 0", settings->light);
-    }
+    const uint32_t highest = highest_level(plan);
     if (settings->level % 2 == 0 || settings->level < UMB_LEVEL_BRICK ||
         settings->level > highest) {
         return umb_fail(error, UMB_E_ARGUMENT, "level: %u, must be 0 or odd and %d to %u",

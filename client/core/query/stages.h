@@ -29,13 +29,17 @@ struct umb__filter {
     const char *partial; /* Reason for which partial assets refuse it; NULL: they take it */
     /* Checks the settings that only this filter takes; NULL: it takes no such settings */
     enum umb_status (*check)(const struct umb__plan *plan, struct umb_error *error);
-    umb__kernel *kernel; /* Kernel; NULL: that of windows */
+    umb__kernel *kernel; /* Kernel; NULL: that of windows, or of tents */
+    bool is_tent;        /* True: the kernel is that of tents */
+    /* Stage that answers points under lamps; NULL: that of faces (perspective.c) */
+    umb__kernel *lamp_run;
+    uint32_t (*total)(int32_t taps); /* Sum of the weights of a window; NULL: taps * taps */
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
-    /* Cost of a point without its window, in look-ups of one tap; and the cost added for each
-     * radian of the light's extent */
-    double work, work_radian;
+    /* Cost of a point without its window, in look-ups of one tap; and the costs added for each
+     * radian of a sun's extent, and for a lamp */
+    double work, work_radian, work_lamp;
 };
 
 /* Returns a filter; one named "unknown" for any other number. */
@@ -68,6 +72,13 @@ static inline double umb__no_normal_m(const struct umb__plan *plan, const struct
     /* In voxels, the normal (1,1,1)/sqrt(3) needs a bias of (2 taps + 1) / (2 sqrt(3)). */
     return UMB__BIAS_SLACK * (2.0 * taps + 1.0) / (2.0 * sqrt(3.0)) *
            umb__length(plan->frustum->voxel_step[2]);
+}
+
+/* Returns the mean edge of a texel of parallel light, in voxels of depth. */
+static inline double umb__lift_texel(const struct umb_frustum_info *frustum)
+{
+    const double(*step)[3] = frustum->voxel_step;
+    return (umb__length(step[0]) + umb__length(step[1])) / 2 / umb__length(step[2]);
 }
 
 /* Returns the width in voxels of the widest texel of a light's transmittance maps; 0 if no caster

@@ -57,6 +57,7 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;
+    wide.level = 0;
     wide.taps = q->transmittance_bias_taps;
     wide.no_normal_m = q->transmittance_no_normal_m;
     for (unsigned axis = 0; axis < 3 && q->level > 0 && q->bias_mode == UMB_BIAS_AUTO; axis++) {

@@ -80,18 +80,35 @@ enum umb_light_kind {
     UMB_LIGHT_DIRECTIONAL = 0,
     UMB_LIGHT_SPOT = 1,
     UMB_LIGHT_POINT = 2,
+    /* Area lights: flat, and shine to the side that `direction` looks to. Shadows without a filter
+     * are those of a light at the middle. */
+    UMB_LIGHT_RECTANGLE = 3,
+    UMB_LIGHT_DISC = 4,
 };
+
+#define UMB_LIGHT_KINDS   5   /* Number of values of enum umb_light_kind in this version */
+#define UMB_LAMP_SIZE_MAX 1e6 /* Largest extent of a lamp that has penumbras, metres */
+
+/* Returns the name of a kind as a static string: "directional", "spot", "point", "rectangle",
+ * "disc"; "unknown" for any other number. */
+UMB_API const char *umb_light_kind_name(enum umb_light_kind kind);
 
 /* Description of one light. World space, metres, radians. */
 struct umb_light_info {
     char name[UMB_NAME_SIZE]; /* Name: UTF-8, may be empty, NUL-terminated */
     enum umb_light_kind kind;
-    double direction[3]; /* Unit vector in which the light travels (point light: 0) */
-    double position[3];  /* Position, metres, scene origin included (spot, point) */
-    double extent;       /* Angular diameter in radians (directional) or size in metres; 0: none */
+    double direction[3]; /* Unit vector in which the light travels (point light: 0); of area lights
+                            across their plane */
+    double position[3];  /* Position, metres, scene origin included; of area lights their middle
+                            (not directional) */
+    /* Size of the light; 0: none. Directional: angular diameter, radians. Spot, point: diameter of
+     * a sphere, metres. Disc: diameter, metres. Rectangle: length of the side across `side`,
+     * metres. */
+    double extent;
     uint32_t first_frustum; /* Index of the light's first frustum; its others follow */
     uint32_t frustum_count; /* Number of the light's frusta: 1 if directional, else up to 6 */
-    uint64_t reserved[4];   /* Zero: room for later versions (umbrage/version.h) */
+    double side[3];         /* Rectangle: vector of one side, metres, across `direction`; else 0 */
+    uint64_t reserved[1];   /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* One light-space frustum. */

@@ -17,9 +17,10 @@
  * section 5). n = 1 is a single voxel look-up. Inside closed solids of assets baked under the
  * closed rule an answer is unspecified ("defined space", docs/explained/accuracy.md).
  *
- * Spot and point lights: an answer says whether an occluder stands between the point and the light.
- * The caller computes how the light fades with distance and towards its cone. Points that no
- * frustum of a spot light covers are lit and counted as outside.
+ * Lamps (spot, point and area lights): an answer says whether an occluder stands between the point
+ * and the light. The caller computes how the light fades with distance and towards its cone. Points
+ * that no frustum of a spot light covers are lit and counted as outside. An area light shines to
+ * one side: points behind its plane are shadowed and counted as facing away.
  *
  * Outside: a texel beyond the frustum in x or y is lit. A point before z = 0 is lit, and a point
  * behind the last voxel takes the last voxel's answer. struct umb_query_stats counts such points.
@@ -51,12 +52,15 @@ extern "C" {
 
 /* Offset of a point before the look-up, so that a surface does not shadow itself. */
 enum umb_bias_mode {
-    /* Automatic: moves the point by s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the
-     * normal n, where ex, ey, ez are the world vectors of one voxel. The window at the moved
-     * point's depth then lies wholly on the light's side of the surface's plane. For one tap this
-     * is half of (|nx| + |ny| + |nz|) voxels. Without normals: the same length for the normal
-     * (1,1,1)/sqrt(3) in voxels, towards the light. Spot and point lights: with the voxel size at
-     * the point, which grows with the distance from the light. */
+    /* Automatic: the least move that puts the window wholly on the light's side of the surface's
+     * plane. That takes s = (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 metres along the normal n, where
+     * ex, ey, ez are the world vectors of one voxel. Suns: the point is lifted by s / c metres
+     * towards the light, c being the cosine between n and the light, and at most by 2 taps - 1/2
+     * texels; where that is too short, the rest is along n. A lift displaces no edge of a shadow.
+     * With more than one tap it counts from the plane's depth at the centre of the window, for
+     * which taps - 1 suffices in s. Spot and point lights: s along n, with the voxel size at the
+     * point, which grows with the distance from the light. Coarse look-ups: s along n. Without
+     * normals: s of the normal (1,1,1)/sqrt(3) in voxels, towards the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */
     UMB_BIAS_METRES = 2, /* `bias` metres along the normal, else towards the light */
@@ -69,12 +73,16 @@ enum umb_filter {
     /* Weights that fall off linearly on both axes: texel (i, j) from the centre weighs
      * (m - |i|) (m - |j|) with m = (taps + 1) / 2. The answer has no step when the window moves by
      * a texel, and the filter acts half as wide. In `umb_answer_format`, count is then the sum of
-     * the lit texels' weights, and m^4 replaces taps * taps. Directional lights only. */
+     * the lit texels' weights, and m^4 replaces taps * taps. */
     UMB_FILTER_TENT = 1,
     /* Penumbras of a light that has an extent (percentage closer soft shadows). A search in the
      * cone of the light's rays to the point finds the blockers. Their distance gives the width of
      * the penumbra, and a box of that width gives the answer, which is continuous in the width.
-     * The least width is `taps` texels, the widest UMB_PENUMBRA_TAPS_MAX. For directional lights
+     * The least width is `taps` texels, the widest UMB_PENUMBRA_TAPS_MAX. Lamps: the same search
+     * with rays that meet in the point, and in place of the box the mean of 233 look-ups at the
+     * places where rays to points of the light pass the blockers' mean distance, without a limit of
+     * the width; points of the light behind the receiver's horizon are dark. Exact where one layer
+     * of blockers is equally far; docs/results/accuracy.md has differences from rays. For lights
      * that have an extent; of assets baked under the closed rule only those with the effect
      * `front`. */
     UMB_FILTER_PENUMBRA = 2,
@@ -89,7 +97,7 @@ enum umb_filter {
      * ... are rounded to whole numbers whose sum over a row of the window is 2048. Texel (i, j)
      * from the centre weighs w(|i|) w(|j|). In `umb_answer_format` read 2048^2 for taps * taps.
      * Edges are smoother than a tent's. The answer is within 0.006 of that of the unbounded
-     * Gaussian, sampled at the texels. Directional lights only. */
+     * Gaussian, sampled at the texels. */
     UMB_FILTER_GAUSSIAN = 4,
 };
 
@@ -119,8 +127,8 @@ UMB_API const char *umb_bias_mode_name(enum umb_bias_mode mode);
 #define UMB_FOOTPRINT_MAX       1e6 /* Widest footprint, metres; wider ones count as this wide */
 #define UMB_FOOTPRINT_LEVEL_MAX 40  /* Levels of detail above the window */
 
-#define UMB_PENUMBRA_TAPS_MAX 2047 /* Widest penumbra, texels; wider ones are cut to it */
-#define UMB_EXTENT_MAX        1.0  /* Largest extent of a light, radians: 57.3 degrees */
+#define UMB_PENUMBRA_TAPS_MAX 2047 /* Widest penumbra of a sun, texels; wider ones are cut to it */
+#define UMB_EXTENT_MAX        1.0  /* Largest extent of a sun, radians: 57.3 degrees */
 
 /* Format of an answer; count is the number of lit texels in the window. */
 enum umb_answer_format {
@@ -143,18 +151,19 @@ struct umb_query_settings {
     enum umb_answer_format format;
     enum umb_filter filter;
     /* Box and tent: width of the window in metres across the light, instead of taps; it is rounded
-     * to an odd number of texels. 0: taps decides. Directional lights only. UMB_FILTER_FOOTPRINT:
+     * to an odd number of texels. 0: taps decides. Lamps: box only, up to UMB_FOOTPRINT_MAX, by the
+     * size of texels at each point; windows wider than 17 texels have 17. UMB_FILTER_FOOTPRINT:
      * side in metres of the square of surface around each point without a footprint of its own, 0
      * to UMB_FOOTPRINT_MAX; taps is given too. */
     double footprint_m;
     /* Octree level at which look-ups stop. 0: at voxels. Else at cells of 1 << level voxels a side,
      * which answer 0, 1 or, if a boundary runs through the cell, one half. Coarse look-ups read
      * fewer nodes, and may be wrong by the size of a cell (umb_query_bound_m). The level is odd, 3
-     * to umb_level_max of the frustum; with one tap, without a footprint. The automatic bias is
-     * that of two cells. Directional lights only. */
+     * to umb_level_max of the light's frusta; with one tap, without a footprint. The automatic bias
+     * is that of two cells. */
     uint32_t level;
-    /* Angular diameter of the light in radians for UMB_FILTER_PENUMBRA, up to UMB_EXTENT_MAX;
-     * 0: the asset's. */
+    /* Angular diameter of a directional light in radians for UMB_FILTER_PENUMBRA, up to
+     * UMB_EXTENT_MAX; 0: the asset's. Lamps have the asset's size. */
     double light_extent;
     /* 1: ignores the translucent casters of assets with the effect `transmittance`. 0: each answer
      * is multiplied by the casters' transmittance, a mean over a box as wide as the window and at
@@ -191,7 +200,7 @@ struct umb_query_stats {
     uint64_t outside;     /* Points whose centre is beyond the frustum in x or y: lit there */
     uint64_t before;      /* Points before the first voxel in z: lit */
     uint64_t behind;      /* Points behind the last voxel in z: clamped to it */
-    uint64_t facing_away; /* Points shadowed by their normal */
+    uint64_t facing_away; /* Points shadowed by their normal, or behind an area light's plane */
     uint64_t undefined; /* Points too far from any surface of an asset baked under the static rule:
                          * their answers are meaningless */
     /* Neighbouring points of a run share reads, so the counts of nodes and bricks depend on how a
@@ -232,7 +241,8 @@ UMB_API UMB_CHECKED enum umb_status umb_query_prepare(const struct umb_asset *as
                                                       struct umb_query *query,
                                                       struct umb_error *error);
 
-/* Returns the width of a prepared query's window in texels, as set by taps or footprint_m. */
+/* Returns the width of a prepared query's window in texels, as set by taps or footprint_m. Under a
+ * lamp footprint_m sets a width at each point, and this is the widest: UMB_TAPS_MAX. */
 UMB_API uint32_t umb_query_taps(const struct umb_query *query);
 
 /*

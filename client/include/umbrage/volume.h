@@ -27,8 +27,9 @@
  * Outside, as for points: beyond the frustum in x or y and before z = 0 space is lit; behind the
  * last voxel it continues the last voxel.
  *
- * Spot and point lights: as for points, the frustum (face) that covers a place answers for that
- * part of a segment, or for that column. Boxes are not supported, since voxels differ in size.
+ * Lamps (spot, point and area lights): as for points, the frustum (face) that covers a place
+ * answers for that part of a segment, for that column, or for the voxel with its centre there. To
+ * which side an area light shines is left to the caller.
  *
  * Precision: ends become voxel coordinates in doubles. The parameter at which a line crosses the
  * boundary of a voxel is right to some 4 units in the last place (2^-50). Answers are bit-equal for
@@ -74,8 +75,8 @@ UMB_API UMB_CHECKED enum umb_status umb_volume_prepare(const struct umb_asset *a
                                                        uint32_t light, struct umb_volume *volume,
                                                        struct umb_error *error);
 
-/* Checks that all voxels have the same size, which boxes need. Fails: E_UNSUPPORTED (a spot or
- * point light). */
+/* Checks that all voxels have the same size, so that shares of voxels are shares of space. Fails:
+ * E_UNSUPPORTED (a lamp). */
 UMB_API UMB_CHECKED enum umb_status umb_volume_check_parallel(const struct umb_volume *volume,
                                                               struct umb_error *error);
 
@@ -235,8 +236,16 @@ UMB_API UMB_CHECKED enum umb_status umb_boxes_check(const struct umb_box *boxes,
                                                     struct umb_error *error);
 
 /*
- * Counts the lit voxels of boxes in world space, in volumes that umb_volume_check_parallel accepts.
- * In other volumes no box holds a voxel.
+ * Counts the lit voxels of boxes in world space.
+ *
+ * Lamps: voxels grow with the distance W along the axis, so a share of voxels is no share of space
+ * where a box is deep: a voxel has W^2 times the space of one at W = 1. A voxel counts in the face
+ * that answers for its centre, the first of equals; those at the light or behind it do not count. A
+ * coordinate of its centre is (W ((d + (x + 1/2) ex) + (y + 1/2) ey) + p) + origin, in doubles and
+ * in this order. W is c (z + 1/2) + o, with c and o of umb_volume_segments. d is a - (m0.a) ex -
+ * (m1.a) ey, where a is the last row of the transform divided by its square, and p is the light's
+ * position minus the asset's origin. The following is about directional lights; the rest holds for
+ * all.
  *
  * In:    watch: NULL: each box has the limit of UMB_BOX_COLUMN_STEPS. boxes: [first + count],
  *        metres, world space. A voxel is in the box if its centre is, min <= centre < max, so that
@@ -257,8 +266,8 @@ umb_volume_boxes(const struct umb_volume *volume, const struct umb_box *boxes, s
                  size_t count, const struct umb_box_watch *watch, struct umb_box_answers *answers,
                  struct umb_error *error);
 
-/* Counts the lit voxels of boxes given in voxels, as umb_volume_boxes does for world space. A box
- * with min >= max on an axis is empty. */
+/* Counts the lit voxels of boxes given in voxels of the light's first frustum, as umb_volume_boxes
+ * does for world space. A box with min >= max on an axis is empty. */
 UMB_API UMB_CHECKED enum umb_status
 umb_volume_voxel_boxes(const struct umb_volume *volume, const struct umb_voxel_box *boxes,
                        size_t first, size_t count, const struct umb_box_watch *watch,

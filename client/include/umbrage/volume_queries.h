@@ -69,7 +69,7 @@ umb_client_columns(struct umb_client *client, const struct umb_volume_query *vol
  *
  * In:    boxes: [count], min <= max on each axis, which only the server checks.
  * Out:   answers: as umb_volume_boxes fills it.
- * Fails also: E_UNSUPPORTED (as umb_volume_check_parallel), E_TOO_LARGE (a box takes more steps
+ * Fails also: E_TOO_LARGE (a box takes more steps
  *        than the server's max_box_steps).
  */
 UMB_API UMB_CHECKED enum umb_status

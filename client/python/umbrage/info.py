@@ -10,7 +10,8 @@ from typing import Any
 from . import _library as lib
 from ._library import core, ffi, text
 
-KINDS = {core.UMB_LIGHT_DIRECTIONAL: "directional", core.UMB_LIGHT_SPOT: "spot", core.UMB_LIGHT_POINT: "point"}
+KINDS = {core.UMB_LIGHT_DIRECTIONAL: "directional", core.UMB_LIGHT_SPOT: "spot", core.UMB_LIGHT_POINT: "point",
+         core.UMB_LIGHT_RECTANGLE: "rectangle", core.UMB_LIGHT_DISC: "disc"}
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,12 @@ class Light:
     """
     One light. World space, metres, radians.
 
-    kind        "directional", "spot", "point"
+    kind        "directional", "spot", "point", "rectangle", "disc"
     direction   unit vector in which the light travels (point light: zeros)
-    position    (spot, point)
-    extent      angular diameter in radians (directional) or size in metres; 0: none
+    position    (not directional; of area lights the middle)
+    extent      angular diameter in radians (directional), diameter in metres, or the side of a rectangle across
+                `side`; 0: none
+    side        vector of a rectangle's first side, metres; zeros for others
     resolution  voxels a side of its frusta
     voxel_m     edges of a voxel along x, y, z of its first frustum
     closed      True if baked under the closed rule
@@ -45,6 +48,7 @@ class Light:
     direction: tuple[float, float, float]
     position: tuple[float, float, float]
     extent: float
+    side: tuple[float, float, float]
     resolution: int
     voxel_m: tuple[float, float, float]
     closed: bool
@@ -92,7 +96,7 @@ def curve_row(row: Any) -> CurveRow:
 def light_of(info: Any, resolution: int, voxel_m: Any, closed: Any, curve: tuple[CurveRow, ...]) -> Light:
     """A Light of a struct umb_light_info and what stands elsewhere."""
     return Light(text(info.name), KINDS.get(info.kind, "unknown"), three(info.direction), three(info.position),
-                 info.extent, resolution, three(voxel_m), bool(closed), curve)
+                 info.extent, three(info.side), resolution, three(voxel_m), bool(closed), curve)
 
 
 def _read_light(asset: Any, number: int) -> Light:

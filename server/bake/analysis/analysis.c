@@ -14,7 +14,6 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/depth/tile.h"
 #include "base/try.h"
-#include "base/vec.h"
 #include "scene/parts.h"
 
 void umbb_analysis_finish(struct umbb_analysis *analysis)
@@ -85,32 +84,26 @@ static enum umb_status keep_translucent(struct umbb_analysis *analysis, struct u
 
 static uint8_t kind_of(const struct umbs_part *part, enum umbb_closed_mode mode)
 {
-    if (mode == UMBB_CLOSED_OFF || (mode == UMBB_CLOSED_AUTO && !part->closed)) {
+    if (mode == UMBB_CLOSED_OFF || (mode != UMBB_CLOSED_ON && !part->closed)) {
         return UMBB_CASTER_OPEN;
     }
     return part->closed && part->flipped ? UMBB_CASTER_CLOSED_FLIPPED : UMBB_CASTER_CLOSED;
 }
 
-static double area_of(const double corners[3][3])
-{
-    double normal[3];
-    umb__triangle_cross(corners, normal);
-    return 0.5 * umb__length(normal);
-}
-
-/* Decides whether the closed rule is used; without the rule all casters are open. In mode auto the
- * rule must be worth its price: it saves bytes at the surfaces of closed parts only, but makes
- * penumbras and columns more expensive everywhere. */
+/* Decides whether the closed rule is possible; without the rule all casters are open. */
 static void decide_closed(struct umbb_analysis *analysis, enum umbb_closed_mode mode)
 {
-    const int worth = analysis->closed_area_m2 >= UMBB_CLOSED_SHARE * analysis->area_m2;
-    const int any = analysis->closed_part_count > 0;
     analysis->open_on_word =
         mode == UMBB_CLOSED_ON ? analysis->part_count - analysis->closed_part_count : 0;
-    analysis->closed_rule = mode == UMBB_CLOSED_ON || (mode == UMBB_CLOSED_AUTO && any && worth);
-    analysis->closed_declined = mode == UMBB_CLOSED_AUTO && any && !worth;
-    for (size_t i = 0; i < analysis->count && analysis->closed_declined; i++) {
-        analysis->kinds[i] = UMBB_CASTER_OPEN;
+    analysis->closed_rule =
+        mode == UMBB_CLOSED_ON || (mode != UMBB_CLOSED_OFF && analysis->closed_part_count > 0);
+}
+
+void umbb_analysis_rule(struct umbb_analysis *analysis, int closed)
+{
+    analysis->closed_rule = closed;
+    for (uint32_t i = 0; i < analysis->frustum_count; i++) {
+        analysis->frusta[i].closed = (uint8_t)closed;
     }
 }
 
@@ -136,10 +129,6 @@ static enum umb_status take_parts(struct umbb_analysis *analysis, const struct u
         } else if (cut != UMBS_CUT_NONE && umbs_cut_is_translucent(&analysis->cuts, cut)) {
             analysis->dropped[i] = UMBB_TRANSLUCENT;
         } else { /* a triangle with holes bounds no solid, also on the caller's word */
-            const double area = area_of((const double(*)[3])analysis->corners[i]);
-            const int closed = cut == UMBS_CUT_NONE && parts->parts[parts->part_of[i]].closed;
-            analysis->area_m2 += area;
-            analysis->closed_area_m2 += closed ? area : 0.0;
             analysis->kinds[analysis->count++] =
                 cut != UMBS_CUT_NONE ? UMBB_CASTER_OPEN
                                      : kind_of(&parts->parts[parts->part_of[i]], mode);
@@ -189,7 +178,8 @@ static enum umb_status find_parts(struct umbb_analysis *analysis, enum umbb_clos
 static enum umb_status find_cuts(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                  const struct umbb_options *options, struct umb_error *error)
 {
-    UMB__TRY(umbs_cuts_find(view, &analysis->cuts, error));
+    UMB__TRY((options->sharp_cut_outs ? umbs_cuts_find_sharp
+                                      : umbs_cuts_find)(view, &analysis->cuts, error));
     umbs_cuts_take_as_opaque(&analysis->cuts, options->opaque_cut_outs,
                              options->opaque_translucents); /* the figures stay, for the plan */
     return UMB_OK;
@@ -291,11 +281,14 @@ static enum umb_status analyse(struct umbb_analysis *analysis, const struct umbs
     compact(analysis);
     compact_cuts(analysis);
     measure(analysis);
-    analysis->z_up = options->up == UMBB_UP_OF_FORMAT ? view->z_up : options->up == UMBB_UP_Z;
+    analysis->z_up = options->up == UMBB_UP_OF_SCENE ? view->z_up : options->up == UMBB_UP_Z;
+    analysis->up_reason =
+        options->up == UMBB_UP_OF_SCENE ? umbs_scene_up_reason(view) : "--up says so";
     UMB__TRY(umbb_lights_choose(view, options, analysis->z_up, &analysis->choice, error));
     for (uint32_t i = 0; options->penumbra == UMBB_PENUMBRA_OFF && i < analysis->choice.count;
          i++) {
         analysis->choice.lights[i].extent = 0.0;
+        memset(analysis->choice.lights[i].side, 0, sizeof analysis->choice.lights[i].side);
     }
     return fit_frusta(analysis, options->resolution_log2, error);
 }
@@ -337,7 +330,7 @@ double (*umbb_analysis_take_turned(struct umbb_analysis *analysis))[3][3]
     double(*corners)[3][3] = analysis->corners;
     analysis->corners = NULL;
     for (size_t i = 0; i < analysis->count; i++) {
-        if (analysis->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED) {
+        if (analysis->closed_rule && analysis->kinds[i] == UMBB_CASTER_CLOSED_FLIPPED) {
             umbs_triangle_turn(corners[i]);
         }
     }

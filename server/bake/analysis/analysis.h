@@ -18,12 +18,6 @@
 #include "bake/analysis/perspective_frame.h"
 #include "scene/scene_alpha.h"
 
-/* Least share of the opaque casters' area in closed parts for which the closed rule is used. The
- * rule saves at most about the same share of an asset's bytes. Measured on real scenes at 4096
- * texels (docs/results/effects.md), as share of area and share of bytes saved: 0.3 % and 0.4 %, 1.1
- * % and 0 %, 5.7 % and 5.6 %, 22 % and 10 %, 85 % and 54 %. */
-#define UMBB_CLOSED_SHARE 0.025
-
 /* Bytes a triangle takes at the peak (search for parts; or ray tracing for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
 
@@ -32,6 +26,21 @@ enum umbb_dropped {
     UMBB_KEPT = 0,
     UMBB_DROPPED = 1,
     UMBB_TRANSLUCENT = 2,
+};
+
+/* What the closed rule costs and saves, as the plan states it. */
+struct umbb_closed_price {
+    int known;            /* 0: the rule was not in question */
+    int exact;            /* 1: the bytes are those of bakes at the wanted resolution */
+    uint32_t sample_log2; /* otherwise log2 of the voxels a side of the largest sample */
+    double saved;         /* share of the nodes' bytes that the rule saves; may be negative */
+    double open_bytes, closed_bytes; /* packed bytes under each rule; 0: not asked for */
+};
+
+/* Bytes of voxels and maps with sharp BLEND materials as they are, and as cut-outs: a forecast. */
+struct umbb_sharp_price {
+    int known; /* 0: not asked for */
+    double blend_bytes, cut_bytes;
 };
 
 struct umbb_analysis {
@@ -47,12 +56,14 @@ struct umbb_analysis {
     size_t open_on_word;       /* open parts that --closed on treats as closed */
     size_t flipped_part_count; /* closed parts that wound inward and were turned around */
     size_t closed_triangles;
-    double area_m2, closed_area_m2; /* area of the opaque casters, and of those in closed parts */
-    int closed_declined;   /* 1: there are closed parts, but their share of the area is too small */
-    char open_reason[256]; /* reason why the largest open part is open; may be empty */
+    char open_reason[256];   /* reason why the largest open part is open; may be empty */
     size_t open_reason_part; /* number of the largest open part */
+    /* 1: the closed rule applies; before umbb_closed_choose, that it is possible. */
     int closed_rule;
+    struct umbb_closed_price closed_price;
+    struct umbb_sharp_price sharp_price;
     int z_up;
+    const char *up_reason;       /* static words: what told z_up */
     struct umb_box bounds;       /* bounds of the casters */
     double origin[3];            /* centre of the bounds in whole metres */
     double (*translucent)[3][3]; /* [translucent_count] world: casters without voxels */
@@ -87,6 +98,10 @@ UMB_CHECKED enum umb_status umbb_analysis_need_corners(struct umbb_analysis *ana
  * the errors of umbb_frusta_fit; the analysis then has no frusta. */
 UMB_CHECKED enum umb_status umbb_analysis_refit(struct umbb_analysis *analysis, uint32_t log2_size,
                                                 struct umb_error *error);
+
+/* Turns the closed rule on or off, in the analysis and its frusta. The kinds of casters stay:
+ * without the rule they are not read. */
+void umbb_analysis_rule(struct umbb_analysis *analysis, int closed);
 
 /* Moves the corners out of the analysis, which must have them. Closed parts that wind inwards
  * are turned around, because rays tell the inside by the winding. Returns corners [count], for

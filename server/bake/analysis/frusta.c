@@ -160,7 +160,7 @@ static enum umb_status add_light(struct list *list, const struct umbb_light_choi
     const double half_deg = choice->cones[number] * DEG_A_RAD;
     double cosine;
     list->has_contact = 0;
-    if (light->kind == UMB_LIGHT_SPOT) {
+    if (light->kind != UMB_LIGHT_POINT) {
         umbb_sin_cos_degrees(half_deg, &eye.cone_sine, &cosine);
         eye.direction = light->direction;
     }

@@ -11,6 +11,7 @@
 #include "bake/analysis/sun_position.h"
 #include "bake/base/print_text.h"
 #include "base/try.h"
+#include "base/vec.h"
 
 #define RAD_A_DEG 0.017453292519943295
 
@@ -22,6 +23,9 @@
 
 #define MINUTES_A_DAY 1440.0
 
+#define HALF_SPACE (90.0 * RAD_A_DEG) /* Half the angle of the cone of an area light */
+#define LEVEL_MIN  1e-6 /* Least sine of the angle between a rectangle's direction and its axis */
+
 /* Input and results of the choice. */
 struct chooser {
     const struct umbs_scene_view *view;
@@ -31,13 +35,6 @@ struct chooser {
     FILE *notices;
 };
 
-const char *umbb_light_kind_text(enum umb_light_kind kind)
-{
-    return kind == UMB_LIGHT_DIRECTIONAL ? "directional"
-           : kind == UMB_LIGHT_SPOT      ? "spot"
-                                         : "point";
-}
-
 void umbb_light_choice_finish(struct umbb_light_choice *choice)
 {
     free(choice->lights);
@@ -46,7 +43,8 @@ void umbb_light_choice_finish(struct umbb_light_choice *choice)
     memset(choice, 0, sizeof *choice);
 }
 
-/* Makes room for one more light, zeroed except for its extent. */
+/* Makes room for one more light, zeroed except for its extent: that of the options; a directional
+ * light has the sun's without one. */
 static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
                                  struct umb_light_info **light, struct umb_error *error)
 {
@@ -72,20 +70,9 @@ static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
     memset(*light, 0, sizeof **light);
     (*light)->kind = kind;
     if (kind == UMB_LIGHT_DIRECTIONAL) {
-        (*light)->extent = wanted->has_size_deg ? wanted->size_deg * RAD_A_DEG : 0.0;
-    } else {
+        (*light)->extent = (wanted->has_size_deg ? wanted->size_deg : SUN_DIAMETER_DEG) * RAD_A_DEG;
+    } else if (kind == UMB_LIGHT_SPOT || kind == UMB_LIGHT_POINT) {
         (*light)->extent = wanted->has_size_m ? wanted->size_m : 0.0;
-    }
-    return UMB_OK;
-}
-
-/* Adds a sun, with the sun's angular diameter unless the options give one. */
-static enum umb_status add_sun(struct chooser *c, struct umb_light_info **light,
-                               struct umb_error *error)
-{
-    UMB__TRY(add_light(c, UMB_LIGHT_DIRECTIONAL, light, error));
-    if (!c->options->lights.has_size_deg) {
-        (*light)->extent = SUN_DIAMETER_DEG * RAD_A_DEG;
     }
     return UMB_OK;
 }
@@ -94,7 +81,7 @@ static enum umb_status choose_sun(struct chooser *c, double azimuth_deg, double 
                                   struct umb_error *error)
 {
     struct umb_light_info *light;
-    UMB__TRY(add_sun(c, &light, error));
+    UMB__TRY(add_light(c, UMB_LIGHT_DIRECTIONAL, &light, error));
     if (c->options->lights.count > 1) {
         snprintf(light->name, sizeof light->name, "sun %g,%g", azimuth_deg, elevation_deg);
     } else {
@@ -120,7 +107,7 @@ static enum umb_status choose_path(struct chooser *c, const struct umbb_sun_path
             continue;
         }
         struct umb_light_info *light;
-        UMB__TRY(add_sun(c, &light, error));
+        UMB__TRY(add_light(c, UMB_LIGHT_DIRECTIONAL, &light, error));
         const int whole = (int)minutes, seconds = (int)((minutes - whole) * 60.0);
         snprintf(light->name, sizeof light->name, "sun %04d-%02d-%02d %02d:%02d:%02d", path->year,
                  path->month, path->day, whole / 60, whole % 60, seconds);
@@ -157,6 +144,80 @@ static enum umb_status choose_at(struct chooser *c, const struct umbb_light_requ
     return UMB_OK;
 }
 
+/* Finds the vector of a rectangle's first side: the given axis, or without one a level axis, made
+ * perpendicular to the direction. Returns 0 if the axis is along the direction. */
+static int rectangle_side(const double direction[3], const double *axis, int z_up, double width,
+                          double side[3])
+{
+    const double up[3] = {0.0, z_up ? 0.0 : 1.0, z_up ? 1.0 : 0.0}, x[3] = {1.0, 0.0, 0.0};
+    if (axis != NULL) {
+        const double along = umb__dot(axis, direction);
+        for (int k = 0; k < 3; k++) {
+            side[k] = axis[k] - along * direction[k];
+        }
+    } else {
+        umb__cross(up, direction, side);
+        if (!(umb__length(side) > LEVEL_MIN)) { /* It looks straight up or down */
+            return rectangle_side(direction, x, z_up, width, side);
+        }
+    }
+    if (!(umb__length(side) > LEVEL_MIN * (axis != NULL ? umb__length(axis) : 1.0))) {
+        return 0;
+    }
+    umbb_direction_normalise(side);
+    umb__scale(width, side);
+    return 1;
+}
+
+/* Adds an area light of the command line. */
+static enum umb_status choose_area(struct chooser *c, const struct umbb_light_request *request,
+                                   struct umb_error *error)
+{
+    const int is_disc = request->width == 0.0;
+    const double *p = request->position, *d = request->direction, *axis = request->axis;
+    const double *given = axis[0] != 0.0 || axis[1] != 0.0 || axis[2] != 0.0 ? axis : NULL;
+    struct umb_light_info *light;
+    UMB__TRY(add_light(c, is_disc ? UMB_LIGHT_DISC : UMB_LIGHT_RECTANGLE, &light, error));
+    snprintf(light->name, sizeof light->name, "area %g,%g,%g", p[0], p[1], p[2]);
+    memcpy(light->position, p, sizeof light->position);
+    memcpy(light->direction, d, sizeof light->direction);
+    light->extent = request->height;
+    c->choice->cones[c->choice->count - 1] = HALF_SPACE;
+    if (!umbb_direction_normalise(light->direction)) {
+        return umb_fail(error, UMB_E_ARGUMENT, "--area: direction (%g, %g, %g) has no length", d[0],
+                        d[1], d[2]);
+    }
+    if (!is_disc &&
+        !rectangle_side(light->direction, given, c->z_up, request->width, light->side)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--area: axis (%g, %g, %g) is along the direction (%g, %g, %g); give one "
+                        "across it",
+                        axis[0], axis[1], axis[2], d[0], d[1], d[2]);
+    }
+    return UMB_OK;
+}
+
+/* Takes the extent that the file gives a light. The options' size replaces that of suns, spots and
+ * points. */
+static void take_extent(struct chooser *c, const struct umbs_light *from,
+                        struct umb_light_info *light)
+{
+    const size_t number = (size_t)(from - c->view->lights);
+    const struct umbs_light_extent *extent =
+        c->view->extents != NULL ? &c->view->extents[number] : NULL;
+    const struct umbb_light_requests *wanted = &c->options->lights;
+    const int is_area = light->kind == UMB_LIGHT_RECTANGLE || light->kind == UMB_LIGHT_DISC;
+    const int is_replaced =
+        light->kind == UMB_LIGHT_DIRECTIONAL ? wanted->has_size_deg : wanted->has_size_m;
+    if (is_area) {
+        c->choice->cones[c->choice->count - 1] = HALF_SPACE;
+    }
+    if (extent != NULL && extent->is_given && (is_area || !is_replaced)) {
+        light->extent = extent->extent;
+        memcpy(light->side, extent->side, sizeof light->side);
+    }
+}
+
 static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light *from,
                                       struct umb_error *error)
 {
@@ -167,16 +228,17 @@ static enum umb_status choose_of_file(struct chooser *c, const struct umbs_light
         memcpy(light->position, from->position, sizeof light->position);
         c->choice->cones[c->choice->count - 1] = from->outer_cone;
     }
-    if (light->kind == UMB_LIGHT_POINT) {
-        return UMB_OK;
+    if (light->kind != UMB_LIGHT_POINT) {
+        memcpy(light->direction, from->direction, sizeof light->direction);
+        if (!umbb_direction_normalise(light->direction)) {
+            char name[UMBB_ESCAPED_NAME_SIZE];
+            umbb_escape(from->name, name, sizeof name);
+            return umb_fail(error, UMB_E_BAD_SCENE,
+                            "light '%s': direction (%g, %g, %g) has no length", name,
+                            from->direction[0], from->direction[1], from->direction[2]);
+        }
     }
-    memcpy(light->direction, from->direction, sizeof light->direction);
-    if (!umbb_direction_normalise(light->direction)) {
-        char name[UMBB_ESCAPED_NAME_SIZE];
-        umbb_escape(from->name, name, sizeof name);
-        return umb_fail(error, UMB_E_BAD_SCENE, "light '%s': direction (%g, %g, %g) has no length",
-                        name, from->direction[0], from->direction[1], from->direction[2]);
-    }
+    take_extent(c, from, light);
     return UMB_OK;
 }
 
@@ -217,6 +279,8 @@ static enum umb_status choose_one(struct chooser *c, const struct umbb_light_req
         return choose_path(c, &request->path, error);
     case UMBB_REQUEST_NAME:
         return choose_named(c, request->name, error);
+    case UMBB_REQUEST_AREA:
+        return choose_area(c, request, error);
     default:
         return choose_at(c, request, error);
     }

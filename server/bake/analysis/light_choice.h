@@ -32,7 +32,4 @@ UMB_CHECKED enum umb_status umbb_lights_choose(const struct umbs_scene_view *vie
                                                struct umb_error *error);
 void umbb_light_choice_finish(struct umbb_light_choice *choice);
 
-/* "directional", "spot" or "point". */
-const char *umbb_light_kind_text(enum umb_light_kind kind);
-
 #endif

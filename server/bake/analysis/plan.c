@@ -9,6 +9,7 @@
 
 #include "bake/options/bake_options.h"
 #include "bake/base/print_text.h"
+#include "base/vec.h"
 #include "format/receiver_mask.h"
 
 /* Relative rounding error of a coordinate stored as a float. */
@@ -16,26 +17,78 @@
 
 static const char *closed_name(enum umbb_closed_mode mode)
 {
-    static const char *const names[] = {"auto", "on", "off"};
+    static const char *const names[] = {"auto", "on", "off", "parts"};
     return names[mode];
 }
 
-static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_closed_mode mode)
+/* Writes bytes with two digits, in the unit that suits them. */
+static void write_bytes(FILE *to, double bytes)
+{
+    static const char *const units[] = {"bytes", "kB", "MB", "GB", "TB"};
+    int unit = 0;
+    while (bytes >= 995.0 && unit < 4) {
+        bytes /= 1000.0;
+        unit++;
+    }
+    fprintf(to, "%.*f %s", unit > 0 && bytes < 9.95, bytes, units[unit]);
+}
+
+/* Writes what the closed rule saves. The share is equal on every machine. Bytes, which depend on
+ * the compression, are known for a plan that is printed and are in no asset. */
+static void write_price(FILE *to, const struct umbb_closed_price *price)
+{
+    const double percent = floor(100.0 * price->saved + 0.5);
+    if (percent >= 0.0) {
+        fprintf(to, "; closed saves about %.0f %% of the nodes", percent);
+    } else {
+        fprintf(to, "; closed takes about %.0f %% more nodes", -percent);
+    }
+    if (!(price->open_bytes > 0.0)) {
+        return;
+    }
+    fputs(price->exact ? ": voxels take " : ": voxels take about ", to);
+    write_bytes(to, price->closed_bytes);
+    fputs(" closed, ", to);
+    write_bytes(to, price->open_bytes);
+    fputs(" open", to);
+    if (!price->exact) {
+        fprintf(to, ", going by %u voxels a side", 1U << price->sample_log2);
+    }
+}
+
+/* Writes what the closed rule takes away or, if it is off by its price, how to switch it on. */
+static void write_closed_cost(FILE *to, const struct umbb_analysis *a,
+                              const struct umbb_options *options)
+{
+    if (!a->closed_rule) {
+        fputs(a->closed_price.known
+                  ? "none: penumbras, columns and derived maps stay (--closed parts switches it "
+                    "on)"
+                  : "none",
+              to);
+        return;
+    }
+    fprintf(to, "a second depth layer in the bake; answers inside solids unspecified%s",
+            options->occluder_depth ? ""
+                                    : "; no penumbras, columns and derived maps (--effect front=on "
+                                      "keeps the first two for more bytes, --closed off all)");
+}
+
+static void write_closed(FILE *to, const struct umbb_analysis *a,
+                         const struct umbb_options *options)
 {
     char why[4 * sizeof a->open_reason];
     umbb_escape(a->open_reason, why, sizeof why);
     const size_t open_parts = a->part_count - a->closed_part_count;
     fprintf(to, "effect=closed state=%s reason=\"", a->closed_rule ? "on" : "off");
-    if (mode == UMBB_CLOSED_OFF) {
-        fprintf(to, "--closed off; ");
-    } else if (mode == UMBB_CLOSED_ON) {
-        fprintf(to, "--closed on: all parts on the caller's word; ");
+    if (options->closed != UMBB_CLOSED_AUTO) {
+        fprintf(to, "--closed %s%s; ", closed_name(options->closed),
+                options->closed == UMBB_CLOSED_ON ? ": all parts on the caller's word" : "");
     }
     fprintf(to, "%zu of %zu parts closed and consistently oriented, %zu of %zu triangles",
             a->closed_part_count, a->part_count, a->closed_triangles, a->count);
-    if (a->closed_declined) {
-        fprintf(to, ", %.3g %% of the area: below %.3g %% it saves nothing",
-                100.0 * a->closed_area_m2 / a->area_m2, 100.0 * UMBB_CLOSED_SHARE);
+    if (a->closed_price.known) {
+        write_price(to, &a->closed_price);
     }
     if (a->flipped_part_count > 0) {
         fprintf(to, "; %zu wound inside out and turned around", a->flipped_part_count);
@@ -43,9 +96,9 @@ static void write_closed(FILE *to, const struct umbb_analysis *a, enum umbb_clos
     if (open_parts > 0) {
         fprintf(to, "; largest open part, number %zu: %s", a->open_reason_part, why);
     }
-    fprintf(to, "\" cost=\"%s\"\n",
-            a->closed_rule ? "a second depth layer in the bake; answers inside solids unspecified"
-                           : "none");
+    fputs("\" cost=\"", to);
+    write_closed_cost(to, a, options);
+    fputs("\"\n", to);
 }
 
 /* First occluders behind closed parts, as occluder depth maps. */
@@ -129,7 +182,7 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
                              double *voxels)
 {
     const struct umb_frustum_info *frustum = &a->frusta[light->first_frustum];
-    double edges[3], width = light->extent;
+    double edges[3], width = fmax(light->extent, umb__length(light->side));
     umb_frustum_voxel_edges(frustum, edges);
     if (light->kind == UMB_LIGHT_DIRECTIONAL) {
         width *= (double)((uint64_t)1 << frustum->log2_size) * edges[2];
@@ -138,14 +191,10 @@ static double penumbra_width(const struct umbb_analysis *a, const struct umb_lig
     return width;
 }
 
-/* Reason why penumbras of a light are off; NULL if they are on. */
+/* Reason why penumbras are off; NULL if they are on. */
 static const char *penumbra_refusal(const struct umbb_analysis *a,
-                                    const struct umbb_options *options,
-                                    const struct umb_light_info *light)
+                                    const struct umbb_options *options)
 {
-    if (light->kind != UMB_LIGHT_DIRECTIONAL) {
-        return "queries have none of spot and point lights: ";
-    }
     if (options->static_rule) {
         return "the static rule leaves out what lies off the surfaces: ";
     }
@@ -183,7 +232,7 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
         return;
     }
     const double width = penumbra_width(a, worst, &voxels);
-    const char *refusal = penumbra_refusal(a, options, worst);
+    const char *refusal = penumbra_refusal(a, options);
     fprintf(to, "effect=penumbra state=%s reason=\"%s", refusal ? "off" : "on",
             refusal ? refusal : "");
     if (worst->kind == UMB_LIGHT_DIRECTIONAL) {
@@ -203,9 +252,11 @@ static void write_penumbra(FILE *to, const struct umbb_analysis *a,
 /* Several directional lights, and the frusta of spot and point lights. */
 static void write_lights(FILE *to, const struct umbb_analysis *a)
 {
-    uint32_t directional = 0;
+    uint32_t directional = 0, flat = 0;
     for (uint32_t i = 0; i < a->choice.count; i++) {
-        directional += a->choice.lights[i].kind == UMB_LIGHT_DIRECTIONAL;
+        const enum umb_light_kind kind = a->choice.lights[i].kind;
+        directional += kind == UMB_LIGHT_DIRECTIONAL;
+        flat += kind == UMB_LIGHT_RECTANGLE || kind == UMB_LIGHT_DISC;
     }
     if (directional > 1) {
         fprintf(to,
@@ -216,10 +267,11 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     if (directional < a->choice.count) {
         const uint32_t others = a->choice.count - directional;
         fprintf(to,
-                "effect=faces state=on reason=\"%u spot or point lights see casters in %u frusta; "
+                "effect=faces state=on reason=\"%u %s lights see casters in %u frusta; "
                 "the other cube faces are left out\" cost=\"a frustum of depth, build and nodes "
                 "each; %d texels of guard band at each face's edge; each query picks a face\"\n",
-                others, a->frustum_count - directional, UMBB_GUARD_TEXELS);
+                others, flat > 0 ? "spot, point or area" : "spot or point",
+                a->frustum_count - directional, UMBB_GUARD_TEXELS);
     }
 }
 
@@ -288,6 +340,38 @@ static void write_transmittance(FILE *to, const struct umbb_analysis *a,
                : "none");
 }
 
+/* BLEND materials that could be cut-outs, or are. */
+static void write_blend_cut_out(FILE *to, const struct umbb_analysis *a,
+                                const struct umbs_scene_view *view,
+                                const struct umbb_options *options)
+{
+    const struct umbs_sharp_figures *figures = &a->cuts.sharp;
+    const int on = options->sharp_cut_outs;
+    if (figures->triangles == 0 || (!on && a->cuts.translucent.triangles == 0)) {
+        return;
+    }
+    char name[UMBB_ESCAPED_NAME_SIZE];
+    umbb_escape(view->materials[figures->first].name, name, sizeof name);
+    fprintf(to, "effect=blend-cut-out state=%s reason=\"", on ? "on" : "off");
+    write_materials(to, figures->materials, name);
+    fprintf(to, "%.3g %% of the texels of %zu BLEND triangles are clear or opaque\" cost=\"",
+            100.0 * figures->share, figures->triangles);
+    if (on) {
+        fputs("the other texels become clear or opaque too\"\n", to);
+        return;
+    }
+    fputs("lists of depths instead of voxels: ", to);
+    if (a->sharp_price.known) {
+        fputs("about ", to);
+        write_bytes(to, a->sharp_price.blend_bytes);
+        fputs(", and ", to);
+        write_bytes(to, a->sharp_price.cut_bytes);
+        fputs(" as cut-outs (--effect blend-cut-out=on)\"\n", to);
+    } else {
+        fputs("--effect blend-cut-out=on takes them as cut-outs\"\n", to);
+    }
+}
+
 /* Closes a memory stream; its text is freed on failure. */
 static enum umb_status close_text(FILE *stream, char **text, struct umb_error *error)
 {
@@ -312,7 +396,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     if (to == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "plan: memory refused");
     }
-    write_closed(to, analysis, options->closed);
+    write_closed(to, analysis, options);
     write_occluder_depth(to, analysis, options);
     write_static(to, analysis, options);
     write_origin(to, analysis);
@@ -320,6 +404,7 @@ enum umb_status umbb_plan_text(const struct umbb_analysis *analysis,
     write_lights(to, analysis);
     write_cut_out(to, analysis, view, options);
     write_transmittance(to, analysis, view, options);
+    write_blend_cut_out(to, analysis, view, options);
     return close_text(to, text, error);
 }
 
@@ -334,6 +419,9 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
         return umb_fail(error, UMB_E_NO_MEMORY, "settings: memory refused");
     }
     fprintf(to, "bake=%d\n", UMBB_BAKE_VERSION);
+    if (analysis->cuts.sharp.triangles > 0 && options->sharp_cut_outs) {
+        fputs("blend-cut-out=on\n", to);
+    }
     fprintf(to, "closed=%s\n", closed_name(options->closed));
     if (options->occluder_depth && analysis->closed_rule) {
         fputs("front=on\n", to);
@@ -350,7 +438,7 @@ enum umb_status umbb_settings_text(const struct umbb_analysis *analysis,
         if (light->kind != UMB_LIGHT_DIRECTIONAL) {
             fprintf(to, "light.%u.position=%.17g,%.17g,%.17g\n", i, p[0], p[1], p[2]);
         }
-        if (light->kind == UMB_LIGHT_SPOT) {
+        if (light->kind != UMB_LIGHT_DIRECTIONAL && light->kind != UMB_LIGHT_POINT) {
             fprintf(to, "light.%u.cone=%.17g\n", i, analysis->choice.cones[i]);
         }
     }
@@ -373,12 +461,15 @@ static void print_light(FILE *to, const struct umbb_analysis *a, const struct um
     const double *d = light->direction, *p = light->position;
     umbb_escape(light->name, name, sizeof name);
     umb_frustum_voxel_edges(&a->frusta[light->first_frustum], edges);
-    fprintf(to, "light=\"%s\" kind=%s", name, umbb_light_kind_text(light->kind));
+    fprintf(to, "light=\"%s\" kind=%s", name, umb_light_kind_name(light->kind));
     if (light->kind != UMB_LIGHT_POINT) {
         fprintf(to, " direction=%.9g,%.9g,%.9g", d[0], d[1], d[2]);
     }
     if (light->kind != UMB_LIGHT_DIRECTIONAL) {
         fprintf(to, " position=%.9g,%.9g,%.9g frusta=%u", p[0], p[1], p[2], light->frustum_count);
+    }
+    if (light->kind == UMB_LIGHT_RECTANGLE) {
+        fprintf(to, " side=%.6g,%.6g,%.6g", light->side[0], light->side[1], light->side[2]);
     }
     fprintf(to, " extent=%.6g voxel_m=%.6g,%.6g,%.6g\n", light->extent, edges[0], edges[1],
             edges[2]);
@@ -391,7 +482,7 @@ void umbb_plan_print(FILE *to, const struct umbb_analysis *a, const struct umbs_
     fprintf(to, "triangles=%zu degenerate=%zu duplicate=%zu unusable_faces=%u\n", a->count,
             a->degenerate_count, a->duplicate_count, view->dropped_faces);
     fprintf(to, "parts=%zu closed=%zu\n", a->part_count, a->closed_part_count);
-    fprintf(to, "up=%c\n", a->z_up ? 'z' : 'y');
+    fprintf(to, "up=%c reason=\"%s\"\n", a->z_up ? 'z' : 'y', a->up_reason);
     fprintf(to, "bounds=%.9g,%.9g,%.9g..%.9g,%.9g,%.9g\n", b->min[0], b->min[1], b->min[2],
             b->max[0], b->max[1], b->max[2]);
     fprintf(to, "origin=%.17g,%.17g,%.17g\n", a->origin[0], a->origin[1], a->origin[2]);
@@ -409,10 +500,13 @@ void umbb_lights_put(struct umbu_json *json, const struct umb_light_info *lights
     for (uint32_t i = 0; i < count; i++) {
         umbu_json_begin(json, NULL, '{');
         umbu_json_text(json, "name", lights[i].name);
-        umbu_json_text(json, "kind", umbb_light_kind_text(lights[i].kind));
+        umbu_json_text(json, "kind", umb_light_kind_name(lights[i].kind));
         umbu_json_vector(json, "direction", lights[i].direction);
         umbu_json_vector(json, "position", lights[i].position);
         umbu_json_number(json, "extent", lights[i].extent);
+        if (lights[i].kind == UMB_LIGHT_RECTANGLE) {
+            umbu_json_vector(json, "side", lights[i].side);
+        }
         umbu_json_integer(json, "frusta", lights[i].frustum_count);
         umbu_json_end(json, '}');
     }
@@ -431,6 +525,25 @@ static void put_lines(struct umbu_json *json, const char *key, const char *line)
     umbu_json_end(json, ']');
 }
 
+/* The prices of a printed plan, in bytes. */
+static void put_prices(struct umbu_json *json, const struct umbb_analysis *a)
+{
+    if (a->closed_price.known) {
+        umbu_json_begin(json, "closed_price", '{');
+        umbu_json_number(json, "saved", a->closed_price.saved);
+        umbu_json_number(json, "closed_bytes", rint(a->closed_price.closed_bytes));
+        umbu_json_number(json, "open_bytes", rint(a->closed_price.open_bytes));
+        umbu_json_bool(json, "exact", a->closed_price.exact);
+        umbu_json_end(json, '}');
+    }
+    if (a->sharp_price.known) {
+        umbu_json_begin(json, "blend_price", '{');
+        umbu_json_number(json, "blend_bytes", rint(a->sharp_price.blend_bytes));
+        umbu_json_number(json, "cut_out_bytes", rint(a->sharp_price.cut_bytes));
+        umbu_json_end(json, '}');
+    }
+}
+
 void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
                           const struct umbs_scene_view *view, const char *plan, uint64_t tiles)
 {
@@ -446,6 +559,7 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     umbu_json_integer(&json, "closed_parts", a->closed_part_count);
     umbu_json_bool(&json, "closed", a->closed_rule);
     umbu_json_text(&json, "up", a->z_up ? "z" : "y");
+    umbu_json_text(&json, "up_reason", a->up_reason);
     umbu_json_begin(&json, "bounds", '{');
     umbu_json_vector(&json, "min", a->bounds.min);
     umbu_json_vector(&json, "max", a->bounds.max);
@@ -456,6 +570,7 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     umbu_json_integer(&json, "resolution", 1U << a->frusta[0].log2_size);
     umbu_json_integer(&json, "tiles", tiles);
     umbu_json_vector(&json, "voxel_m", edges);
+    put_prices(&json, a);
     put_lines(&json, "plan", plan);
     umbu_json_close(&json);
 }

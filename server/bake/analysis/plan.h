@@ -11,7 +11,7 @@
 
 /* Version of the bake's voxels. It changes when equal settings would give other voxels, undefined
  * ones included; it is in every asset and in the keys of tile results. */
-#define UMBB_BAKE_VERSION 1
+#define UMBB_BAKE_VERSION 2
 
 /*
  * Makes the plan: one line for each effect that the scene calls for or that an option overruled:

@@ -11,10 +11,16 @@
 #define INTERVAL_S 0.2
 
 static int told = -1; /* descriptor of a supervisor */
+static int held;      /* 1: progress and tiles are not told */
 
 void umbb_progress_tell_to(int fd)
 {
     told = fd;
+}
+
+void umbb_progress_hold(int on)
+{
+    held = on;
 }
 
 /* Writes a line to the supervisor by a single write, so that a pipe does not cut the line. */
@@ -48,7 +54,7 @@ void umbb_progress_tiles(uint64_t done, uint64_t total, uint64_t found)
     static double told_s;
     const double now = told >= 0 ? umbu_clock_s() : 0;
     const int is_new = done != told_done || total != told_total;
-    if (told < 0 || !is_new || (0 < done && done < total && now - told_s < INTERVAL_S)) {
+    if (told < 0 || held || !is_new || (0 < done && done < total && now - told_s < INTERVAL_S)) {
         return;
     }
     char line[96];
@@ -71,7 +77,7 @@ void umbb_progress_start(struct umbb_progress *progress, int quiet, const char *
 static void tell_progress(struct umbb_progress *progress, uint64_t done)
 {
     const double now = told >= 0 ? umbu_clock_s() : 0;
-    if (told >= 0 && now - progress->told_s >= INTERVAL_S) {
+    if (told >= 0 && !held && now - progress->told_s >= INTERVAL_S) {
         char line[96];
         progress->told_s = now;
         tell(line, (size_t)snprintf(line, sizeof line, "progress %llu %llu %.31s\n",

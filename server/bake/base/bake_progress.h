@@ -39,6 +39,8 @@ void umbb_progress_end(struct umbb_progress *progress);
 
 /* Sets the descriptor; -1: no supervisor. */
 void umbb_progress_tell_to(int fd);
+/* Turns lines about progress and tiles off (1) and on (0), for bakes that are only samples. */
+void umbb_progress_hold(int on);
 void umbb_progress_phase(const char *phase);
 void umbb_progress_plan(const char *plan);
 

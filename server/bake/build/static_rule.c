@@ -23,26 +23,43 @@
 #define BIAS_SLACK   (65.0 / 64.0) /* slack of automatic biases, as in client/core/query */
 #define WINDOW_HALF  (UMB_TAPS_MAX / 2 + 1.0) /* half of the widest window, and half a texel */
 #define SURVEY_SHARE ((size_t)256)            /* triangles of a tile's survey in one slice */
-#define VERTICAL     1e-6 /* share of a normal's length along z below which a triangle is edge on */
+/* Voxels of depth by which a point without a normal is moved for the widest window (query.c). */
+#define NO_NORMAL (BIAS_SLACK * (2 * UMB_TAPS_MAX + 1) / (2 * sqrt(3.0)))
+#define VERTICAL  1e-6 /* share of a normal's length along z below which a triangle is edge on */
 
 /*
  * Sets reach to the greatest distance in voxels, on each axis, by which the automatic bias moves a
  * point. edge: lengths e of a voxel's edges.
  *
- * A unit normal n gives the bias s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2. The moves are s nx /
- * ex, s ny / ey, s nz / ez. Products of two components of n are at most 1/2. The result also covers
- * points without a normal (query.c), and has one voxel more for rounding.
+ * A unit normal n asks for s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 metres along n. A lift
+ * along the light clears that, or its longest length and a move along n for the rest. So the moves
+ * are at most s nx / ex, s ny / ey, and s nz / ez plus the longest lift. Products of two components
+ * of n are at most 1/2. The result also covers points without a normal (query.c), and has one voxel
+ * more for rounding.
  */
-static void set_reach(const double edge[3], double reach[3])
+static void set_reach(const double edge[3], struct umbb_static *rule)
 {
     const double taps = UMB_TAPS_MAX, half = 0.5 * BIAS_SLACK;
-    const double no_normal = BIAS_SLACK * (2 * taps + 1) / (2 * sqrt(3.0));
+    double *reach = rule->reach;
     const double x = half * (taps * (1 + edge[1] / (2 * edge[0])) + edge[2] / (2 * edge[0]));
     const double y = half * (taps * (1 + edge[0] / (2 * edge[1])) + edge[2] / (2 * edge[1]));
     const double z = half * (taps * (edge[0] + edge[1]) / (2 * edge[2]) + 1);
+    rule->longest_lift = (2 * taps - 0.5) * (edge[0] + edge[1]) / 2 / edge[2];
     reach[0] = x + 1;
     reach[1] = y + 1;
-    reach[2] = (z > no_normal ? z : no_normal) + 1;
+    reach[2] = fmax(z + rule->longest_lift, NO_NORMAL) + 1;
+}
+
+/* Returns the greatest distance in voxels by which the bias moves a triangle's points towards the
+ * light. In: n: a normal of the triangle in voxel space. */
+static double find_lift(const struct umbb_static *rule, const double n[3])
+{
+    const double across = fabs(n[0]) + fabs(n[1]), depth = fabs(n[2]);
+    const double half = 0.5 * BIAS_SLACK * (UMB_TAPS_MAX * across + depth);
+    /* A shorter lift leaves no rest to move along n. */
+    return half < rule->longest_lift * depth
+               ? fmin(fmax(half / depth, NO_NORMAL) + 1, rule->reach[2])
+               : rule->reach[2];
 }
 
 /* A polygon and its number of corners. */
@@ -89,12 +106,12 @@ static uint32_t clamp_floor(double v, uint32_t count)
     return !(v >= 1) ? 0 : v >= count ? count - 1 : (uint32_t)v;
 }
 
-/* Marks all cells that may contain look-ups of a box's points. */
+/* Marks all cells that may contain look-ups of a box's points. reach: of the points, in voxels. */
 static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
-                     uint64_t *cells)
+                     const double reach[3], uint64_t *cells)
 {
     const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
-    const double cell = (double)rule->casters->size / across, *reach = rule->reach;
+    const double cell = (double)rule->casters->size / across;
     uint32_t first[3], last[3];
     for (int k = 0; k < 3; k++) {
         first[k] = clamp_floor((low[k] - reach[k]) / cell, across);
@@ -112,11 +129,13 @@ static void mark_box(const struct umbb_static *rule, const double low[3], const 
 static void mark_cells(const struct umbb_static *rule, const double corners[3][3], uint64_t *cells)
 {
     const uint32_t across = 1U << UMB__RECEIVER_MASK_LOG2;
-    const double cell = (double)rule->casters->size / across, *reach = rule->reach;
-    double low[3], high[3];
+    const double cell = (double)rule->casters->size / across;
+    double low[3], high[3], n[3];
     bounds_of(corners, 3, low, high);
+    umb__triangle_cross(corners, n);
+    const double reach[3] = {rule->reach[0], rule->reach[1], find_lift(rule, n)};
     if (high[0] - low[0] <= cell && high[1] - low[1] <= cell && high[2] - low[2] <= cell) {
-        mark_box(rule, low, high, cells); /* cutting it into cells would hardly mark fewer */
+        mark_box(rule, low, high, reach, cells); /* cutting it into cells would hardly mark fewer */
         return;
     }
     const uint32_t x1 = clamp_floor((high[0] + reach[0]) / cell, across);
@@ -150,7 +169,7 @@ enum umb_status umbb_static_init(struct umbb_static *rule, const struct umbb_cas
                             umb__length(frustum->voxel_step[1]),
                             umb__length(frustum->voxel_step[2])};
     *rule = (struct umbb_static){.casters = casters};
-    set_reach(edge, rule->reach);
+    set_reach(edge, rule);
     rule->met = calloc(casters->count + 1, sizeof *rule->met);
     rule->list = malloc((casters->count + 1) * sizeof *rule->list);
     if (rule->met == NULL || rule->list == NULL) {
@@ -266,9 +285,11 @@ struct asked {
     double anchor[3];   /* one of its corners */
     double gradient[2]; /* gradient of its depth */
     int is_vertical;    /* 1: seen edge on, no gradient */
+    double lift;        /* greatest distance in voxels by which its points move towards the light */
 };
 
-static void asked_init(struct asked *asked, const double corners[3][3])
+static void asked_init(struct asked *asked, const struct umbb_static *rule,
+                       const double corners[3][3])
 {
     double n[3];
     bounds_of(corners, 3, asked->low, asked->high);
@@ -277,6 +298,7 @@ static void asked_init(struct asked *asked, const double corners[3][3])
     asked->is_vertical = !(fabs(n[2]) > VERTICAL * umb__length(n));
     asked->gradient[0] = asked->is_vertical ? 0 : -n[0] / n[2];
     asked->gradient[1] = asked->is_vertical ? 0 : -n[1] / n[2];
+    asked->lift = find_lift(rule, n);
 }
 
 /*
@@ -300,14 +322,14 @@ static int window_depths(const struct asked *asked, const double reach[3], const
         plane += g * (centre[k] - asked->anchor[k]);
     }
     if (asked->is_vertical) {
-        *least = asked->low[2] - reach[2];
+        *least = asked->low[2] - asked->lift;
         *most = asked->high[2];
         return 1;
     }
     /* The corners of the box may lie far off the triangle, where the depth of a steep plane has no
      * limit. */
     low = low < asked->high[2] ? low : asked->high[2];
-    *least = (low > asked->low[2] ? low : asked->low[2]) - reach[2];
+    *least = (low > asked->low[2] ? low : asked->low[2]) - asked->lift;
     *most = high < asked->high[2] ? high : asked->high[2];
     *most = *most < plane - 0.5 ? *most : plane - 0.5;
     return 1;
@@ -337,7 +359,7 @@ static void ask(const struct umbb_static *rule, const struct band *band, uint32_
     struct asked asked;
     int32_t x0, x1, y0, y1;
     const double x = rule->reach[0] + WINDOW_HALF, y = rule->reach[1] + WINDOW_HALF;
-    asked_init(&asked, rule->casters->corners[triangle]);
+    asked_init(&asked, rule, rule->casters->corners[triangle]);
     whole_range(asked.low[1] - y, asked.high[1] + y, tile->y0 + band->y0, UMBB_STATIC_BAND, &y0,
                 &y1);
     whole_range(asked.low[0] - x, asked.high[0] + x, tile->x0, tile->size, &x0, &x1);

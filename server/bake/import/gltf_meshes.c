@@ -156,6 +156,10 @@ static enum umb_status read_material(struct umbb_gltf *gltf, const json_t *json,
         (void)umbb_gltf_numbers(metallic, "baseColorFactor", 4, color);
     }
     material.base_alpha = (float)clamp_unit(color[3]);
+    for (int k = 0; k < 3; k++) {
+        material.base_color[k] = (float)clamp_unit(color[k]);
+    }
+    material.has_image = info != NULL || json_object_get(metallic, "baseColorTexture") != NULL;
     material.transmission =
         (float)clamp_unit(umbb_gltf_number(transmission, "transmissionFactor", 0.0));
     if (material.transmission > 0.0F &&
@@ -220,8 +224,8 @@ static void get_uv(const struct umbb_gltf_accessor *accessor,
 
 /* One primitive. */
 struct primitive {
-    struct umbb_gltf_accessor positions, indices, uvs; /* count 0: the primitive has none */
-    uint32_t material;                                 /* of the builder, or UMBS_NO_INDEX */
+    struct umbb_gltf_accessor positions, indices, uvs, normals; /* count 0: there are none */
+    uint32_t material; /* of the builder, or UMBS_NO_INDEX */
     const struct umbb_gltf_mapping *mapping;
     int64_t mode;
 };
@@ -262,6 +266,32 @@ static enum umb_status choose_material(struct umbb_gltf *gltf, const json_t *jso
     return UMB_OK;
 }
 
+/* Finds the normals of a primitive. They are for pictures: those that cannot be read are left
+ * out. */
+static void find_normals(struct umbb_gltf *gltf, const json_t *json, struct primitive *p)
+{
+    static const struct umbb_gltf_use use = {"NORMAL", "VEC3 of floats or signed integers", 3,
+                                             UMBB_GLTF_FLOAT | UMBB_GLTF_SIGNED};
+    const int64_t number = umbb_gltf_index(json_object_get(json, "attributes"), "NORMAL");
+    struct umb_error ignored;
+    if (!gltf->job->look || number == UMBB_GLTF_NONE ||
+        umbb_gltf_accessor(gltf, number, &use, &p->normals, &ignored) != UMB_OK ||
+        p->normals.count != p->positions.count) {
+        p->normals.count = 0;
+    }
+}
+
+static enum umb_status add_normal(struct umbs_scene_builder *scene, const struct primitive *p,
+                                  uint32_t vertex, struct umb_error *error)
+{
+    double normal[3];
+    if (p->normals.count == 0) {
+        return UMB_OK;
+    }
+    umbb_gltf_get(&p->normals, vertex, normal);
+    return umbs_scene_set_normal(scene, normal, error);
+}
+
 /* Adds the vertices and the triangles. */
 static enum umb_status add_triangles(struct umbb_faces *faces, const struct primitive *p,
                                      struct umb_error *error)
@@ -278,6 +308,7 @@ static enum umb_status add_triangles(struct umbb_faces *faces, const struct prim
         }
         UMB__TRY(
             umbs_scene_add_vertex(faces->scene, position, p->uvs.count > 0 ? uv : NULL, error));
+        UMB__TRY(add_normal(faces->scene, p, i, error));
     }
     for (uint32_t i = 0; i < count; i++) {
         /* Every second triangle of a strip is wound the other way. */
@@ -331,6 +362,7 @@ static enum umb_status add_primitive(struct umbb_gltf *gltf, const json_t *json,
         p.indices.is_normalized = 0; /* a fraction numbers no vertex */
     }
     UMB__TRY(choose_material(gltf, json, &p, error));
+    find_normals(gltf, json, &p);
     gltf->morphed += json_array_size(json_object_get(json, "targets")) > 0;
     const size_t first = builder->triangles.count;
     UMB__TRY(add_triangles(&gltf->faces, &p, error));

@@ -251,6 +251,7 @@ static enum umb_status add_light(struct umbb_gltf *gltf, const struct node *node
     const json_t *list = json_object_get(umbb_gltf_extension(gltf->json, extension), "lights");
     const json_t *json = json_array_get(list, (size_t)number);
     struct umbs_light light = {0};
+    struct umbs_light_extent extent;
     if (number == UMBB_GLTF_NONE) {
         return UMB_OK;
     }
@@ -273,7 +274,8 @@ static enum umb_status add_light(struct umbb_gltf *gltf, const struct node *node
     }
     light.range = clamp(umbb_gltf_number(json, "range", 0.0), 0.0, UMBS_COORDINATE_MAX);
     light_color(json, &light);
-    return umbs_scene_add_light(builder, &light, error);
+    UMB__TRY(umbb_gltf_extent(node->json, json, world, &light, &extent, error));
+    return umbs_scene_add_light(builder, &light, &extent, error);
 }
 
 /* Finds a node by its number. A second visit fails: nodes form trees, and a graph could be walked

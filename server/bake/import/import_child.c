@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "bake/import/import_job.h"
+#include "bake/import/up_axis.h"
 #include "bake/sandbox/sandbox.h"
 #include "base/try.h"
 #include "scene/scene_broker.h"
@@ -107,6 +108,9 @@ static enum umb_status convert(struct umbb_import *job, const char *name, uint64
     int output = UMBS_CHILD_FD_OUTPUT;
     const struct umb_sink sink = {write_output, &output};
     UMB__TRY(read_scene(job, name, max_triangles, error));
+    if (job->scene.format != UMBS_FORMAT_GLTF) {
+        umbb_up_decide(job);
+    }
     if (job->scene.dropped_faces > 0) {
         umbs_scene_warn(&job->scene,
                         "%u faces dropped (not finite, bad index or fewer than 3 corners)",
@@ -116,10 +120,11 @@ static enum umb_status convert(struct umbb_import *job, const char *name, uint64
 }
 
 static enum umb_status import(const char *name, uint64_t max_input, uint64_t max_triangles,
-                              struct umb_error *error)
+                              int look, struct umb_error *error)
 {
     struct umbb_import job = {.folder = {UMBS_CHILD_FD_FILES, umbs_broker_open},
-                              .max_input_bytes = max_input};
+                              .max_input_bytes = max_input,
+                              .look = look};
     struct umbb_sandbox sandbox;
     json_object_seed(0); /* from /dev/urandom, which the sandbox closes */
     UMB__TRY(umbb_sandbox_enter(&sandbox, error));
@@ -132,14 +137,15 @@ static enum umb_status import(const char *name, uint64_t max_input, uint64_t max
 
 int umbb_import_child(int argc, char **argv)
 {
-    uint64_t max_memory, max_input, max_triangles;
+    uint64_t max_memory, max_input, max_triangles, look;
     struct umb_error error = {0};
     /* Makes writing beyond RLIMIT_FSIZE an error with a message instead of a signal. */
     (void)signal(SIGXFSZ, SIG_IGN);
     if (argc != UMBS_CHILD_ARG_COUNT ||
         !parse_argument(argv[UMBS_CHILD_ARG_MAX_MEMORY], &max_memory) ||
         !parse_argument(argv[UMBS_CHILD_ARG_MAX_INPUT], &max_input) ||
-        !parse_argument(argv[UMBS_CHILD_ARG_MAX_TRIANGLES], &max_triangles)) {
+        !parse_argument(argv[UMBS_CHILD_ARG_MAX_TRIANGLES], &max_triangles) ||
+        !parse_argument(argv[UMBS_CHILD_ARG_LOOK], &look)) {
         say(UMBS_CHILD_COMMAND, "is started by umbrage itself, not by people");
         return EXIT_USAGE;
     }
@@ -148,7 +154,7 @@ int umbb_import_child(int argc, char **argv)
         say(name, "the importer cannot limit its memory");
         return EXIT_READ;
     }
-    enum umb_status status = import(name, max_input, max_triangles, &error);
+    enum umb_status status = import(name, max_input, max_triangles, look == 2, &error);
     if (status == UMB_OK) {
         return 0;
     }

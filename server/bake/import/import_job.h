@@ -4,7 +4,7 @@
 /*
  * The importer's process: all parsing of foreign scene bytes, and nothing else, runs here.
  *
- *     umbrage-bake import-child NAME MAX_MEMORY MAX_INPUT MAX_TRIANGLES
+ *     umbrage-bake import-child NAME MAX_MEMORY MAX_INPUT MAX_TRIANGLES LOOK
  *
  * Started by umbs_scene_import only, never by hand. Descriptors (scene_contract.h):
  *     0, 1  /dev/null
@@ -48,6 +48,7 @@ struct umbb_import {
     struct umbb_file file;     /* the scene file */
     struct umbb_folder folder; /* folder of the files that the scene names */
     uint64_t max_input_bytes;  /* limit of every file */
+    int look;                  /* 1: reads normals, too */
     struct umbs_scene_builder scene;
 };
 

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Wavefront OBJ in doubles: v, vt, f, usemtl, mtllib; and of its material libraries (MTL) the
- * statements that affect shadows: d, Tr, map_d. All other statements are skipped.
+ * statements that affect shadows: d, Tr, map_d. Pictures take vn and Kd, too. All other statements
+ * are skipped.
  *
- * The reader makes one pass over the mapped text. A vertex of the scene is a pair (v, vt), numbered
- * at its first use. The pairs of one v form a chain, so only seams of the texture split a vertex.
+ * The reader makes one pass over the mapped text. A vertex of the scene is a triple (v, vt, vn),
+ * numbered at its first use; without pictures vn is not read. The triples of one v form a chain, so
+ * only seams split a vertex.
  * At the end triangles are grouped by material. Each group is a mesh with one instance, and all
  * meshes share one range of vertices.
  *
@@ -40,10 +42,11 @@ struct corner_point {
     uint32_t first; /* scene vertex or NONE */
 };
 
-/* The pair of a scene vertex. */
+/* The triple of a scene vertex. */
 struct made_of {
-    uint32_t uv;   /* vt number or NONE */
-    uint32_t next; /* scene vertex of the same v, or NONE */
+    uint32_t uv;     /* vt number or NONE */
+    uint32_t normal; /* vn number or NONE */
+    uint32_t next;   /* scene vertex of the same v, or NONE */
 };
 
 /* Run of triangles of one material: from `first` up to the next run. */
@@ -54,10 +57,11 @@ struct run {
 
 struct obj {
     struct umbb_import *job;
-    struct umbs_array points; /* struct corner_point */
-    struct umbs_array uvs;    /* float[2] */
-    struct umbs_array made;   /* struct made_of, one a scene vertex */
-    struct umbs_array runs;   /* struct run */
+    struct umbs_array points;  /* struct corner_point */
+    struct umbs_array uvs;     /* float[2] */
+    struct umbs_array normals; /* double[3] */
+    struct umbs_array made;    /* struct made_of, one a scene vertex */
+    struct umbs_array runs;    /* struct run */
     struct umbb_faces faces;
     void *names; /* tree of the materials' full names */
     struct umbb_texture_table textures;
@@ -116,6 +120,8 @@ struct current {
     int has_d;       /* 1: d was given; it overrides Tr, on whose meaning exporters disagree */
     int has_map;
     struct umbb_cursor map; /* rest of the line of map_d */
+    float color[3];         /* from Kd, linear */
+    int has_image;          /* 1: map_Kd was given */
 };
 
 /* Options of a map. An option of several words takes fewer where the next word is no number. */
@@ -212,10 +218,27 @@ static enum umb_status store(struct obj *obj, const struct current *current,
     struct umbs_material *materials = obj->job->scene.materials.data;
     struct umbs_material *material = &materials[current->index];
     material->base_alpha = (float)current->dissolve;
+    memcpy(material->base_color, current->color, sizeof current->color);
+    material->has_image = (uint32_t)current->has_image;
     material->alpha_mode = current->dissolve < 1.0 ? UMBS_ALPHA_BLEND
                            : current->has_map      ? UMBS_ALPHA_MASK
                                                    : UMBS_ALPHA_OPAQUE;
     return current->has_map ? read_map(obj, current->map, material, error) : UMB_OK;
+}
+
+/* Takes the colour of Kd. Files have the values that a screen shows, so they become linear by the
+ * usual exponent. A line without three numbers is ignored. */
+static void set_color(struct current *current, struct umbb_cursor *line)
+{
+    double values[3];
+    for (int k = 0; k < 3; k++) {
+        if (!umbb_take_double(line, &values[k]) || !isfinite(values[k])) {
+            return;
+        }
+    }
+    for (int k = 0; k < 3; k++) {
+        current->color[k] = (float)pow(fmin(fmax(values[k], 0.0), 1.0), 2.2);
+    }
 }
 
 /* Reads a material library. */
@@ -223,17 +246,23 @@ static enum umb_status read_materials(struct obj *obj, const struct umbb_file *f
                                       struct umb_error *error)
 {
     struct umbb_cursor text = umbb_text_of(file), line, word;
-    struct current current = {.index = UMBS_NO_INDEX, .dissolve = 1.0};
+    const struct current fresh = {.dissolve = 1.0, .color = {1.0F, 1.0F, 1.0F}};
+    struct current current = fresh;
+    current.index = UMBS_NO_INDEX;
     while (umbb_take_line(&text, &line)) {
         (void)umbb_take_token(&line, &word);
         if (umbb_is_word(word, "newmtl")) {
             UMB__TRY(store(obj, &current, error));
-            current = (struct current){.dissolve = 1.0};
+            current = fresh;
             UMB__TRY(get_material(obj, umbb_trim(line), &current.index, error));
         } else if (umbb_is_word(word, "d")) {
             set_alpha(obj, &current, &line, 1);
         } else if (umbb_is_word(word, "Tr")) {
             set_alpha(obj, &current, &line, 0);
+        } else if (umbb_is_word(word, "Kd")) {
+            set_color(&current, &line);
+        } else if (umbb_is_word(word, "map_Kd")) {
+            current.has_image = 1;
         } else if (umbb_is_word(word, "map_d")) {
             current.has_map = 1;
             current.map = line;
@@ -265,22 +294,38 @@ static enum umb_status read_uv(struct obj *obj, struct umbb_cursor line, struct 
     return umbs_array_add(&obj->uvs, uv, sizeof uv, error);
 }
 
-/* The scene vertex of a pair; a new pair gets a new vertex. */
+static enum umb_status read_normal(struct obj *obj, struct umbb_cursor line,
+                                   struct umb_error *error)
+{
+    double normal[3];
+    for (int k = 0; obj->job->look && k < 3; k++) {
+        if (!umbb_take_double(&line, &normal[k])) {
+            normal[k] = (double)NAN;
+        }
+    }
+    return obj->job->look ? umbs_array_add(&obj->normals, normal, sizeof normal, error) : UMB_OK;
+}
+
+/* The scene vertex of a triple; a new triple gets a new vertex. */
 static enum umb_status find_vertex(struct obj *obj, struct corner_point *point, uint32_t uv,
-                                   uint64_t *vertex, struct umb_error *error)
+                                   uint32_t normal, uint64_t *vertex, struct umb_error *error)
 {
     struct made_of *made = obj->made.data;
     uint32_t at = point->first;
     for (int steps = 0; at != NONE && steps < CHAIN_MAX; steps++, at = made[at].next) {
-        if (made[at].uv == uv) {
+        if (made[at].uv == uv && made[at].normal == normal) {
             *vertex = at;
             return UMB_OK;
         }
     }
-    const struct made_of fresh = {uv, point->first};
+    const struct made_of fresh = {uv, normal, point->first};
     const float *uvs = obj->uvs.data;
     UMB__TRY(umbs_scene_add_vertex(&obj->job->scene, point->position,
                                    uv != NONE ? uvs + 2 * (size_t)uv : NULL, error));
+    if (normal != NONE) {
+        const double *normals = obj->normals.data;
+        UMB__TRY(umbs_scene_set_normal(&obj->job->scene, normals + 3 * (size_t)normal, error));
+    }
     *vertex = obj->made.count;
     point->first = (uint32_t)obj->made.count;
     return umbs_array_add(&obj->made, &fresh, sizeof fresh, error);
@@ -304,7 +349,7 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
                                    struct umb_error *error)
 {
     int64_t reference = 0;
-    uint32_t uv = NONE;
+    uint32_t uv = NONE, normal = NONE;
     uint32_t point = NONE;
     if (umbb_take_integer(line, &reference)) {
         point = resolve(reference, obj->points.count);
@@ -318,13 +363,19 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
     if (!umbb_at_blank(line) && *line->at != '/') {
         point = NONE; /* not a reference, such as "1x" */
     }
+    if (obj->normals.count > 0 && !umbb_at_blank(line) && *line->at == '/') {
+        line->at++;
+        if (umbb_take_integer(line, &reference)) {
+            normal = resolve(reference, obj->normals.count); /* a bad index costs only the look */
+        }
+    }
     while (!umbb_at_blank(line)) {
-        line->at++; /* the normal is not used */
+        line->at++; /* the rest is not used */
     }
     uint64_t vertex = UMBB_BAD_CORNER;
     if (point != NONE) {
         struct corner_point *points = obj->points.data;
-        UMB__TRY(find_vertex(obj, &points[point], uv, &vertex, error));
+        UMB__TRY(find_vertex(obj, &points[point], uv, normal, &vertex, error));
     }
     return umbb_face_corner(&obj->faces, vertex, error);
 }
@@ -407,8 +458,8 @@ static enum umb_status read_line(struct obj *obj, struct umbb_cursor line, struc
         const char *word;
         enum umb_status (*read)(struct obj *, struct umbb_cursor, struct umb_error *);
     } statements[] = {
-        {"v", read_vertex},         {"vt", read_uv}, {"f", read_face}, {"usemtl", use_material},
-        {"mtllib", read_libraries},
+        {"v", read_vertex}, {"vt", read_uv},          {"vn", read_normal},
+        {"f", read_face},   {"usemtl", use_material}, {"mtllib", read_libraries},
     };
     struct umbb_cursor word;
     (void)umbb_take_token(&line, &word);
@@ -567,6 +618,7 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     }
     free(obj.points.data);
     free(obj.uvs.data);
+    free(obj.normals.data);
     free(obj.made.data);
     free(obj.runs.data);
     umbb_faces_finish(&obj.faces);

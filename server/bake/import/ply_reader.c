@@ -47,6 +47,9 @@ enum role {
     Z,
     U,
     V,
+    NX, /* components of its normal */
+    NY,
+    NZ,
     CORNERS, /* list of a face: numbers of its vertices */
 };
 
@@ -63,6 +66,9 @@ static const struct {
     {"vertex", "t", V},
     {"vertex", "texture_u", U},
     {"vertex", "texture_v", V},
+    {"vertex", "nx", NX},
+    {"vertex", "ny", NY},
+    {"vertex", "nz", NZ},
     {"face", "vertex_indices", CORNERS},
     {"face", "vertex_index", CORNERS},
 };
@@ -302,7 +308,8 @@ static enum umb_status add_vertex(struct ply *ply, const double values[CORNERS],
     if (!isfinite(uv[0]) || !isfinite(uv[1])) {
         uv[0] = uv[1] = 0.0F;
     }
-    return umbs_scene_add_vertex(&ply->job->scene, &values[X], ply->has_uvs ? uv : NULL, error);
+    UMB__TRY(umbs_scene_add_vertex(&ply->job->scene, &values[X], ply->has_uvs ? uv : NULL, error));
+    return ply->job->look ? umbs_scene_set_normal(&ply->job->scene, &values[NX], error) : UMB_OK;
 }
 
 /* Reads the corners of a face. Out: good: 0 if the list cannot be read. */

@@ -115,6 +115,12 @@ static const struct umbu_option ASSET[] = {
                "X,Y,Z,DX,DY,DZ,DEGREES: a place, a direction that is not zero, and half of the "
                "cone's angle, above 0 and at most 90"),
      LIGHTS},
+    {UMBU_BAKE_AREA,
+     UMBU_READ(umbb_light_option_area,
+               "X,Y,Z,DX,DY,DZ,DIAMETER or X,Y,Z,DX,DY,DZ,WIDTH,HEIGHT[,AX,AY,AZ]: a place, a "
+               "direction that is not zero, sizes above 0 and at most 1000000 m, and an axis that "
+               "is not zero"),
+     LIGHTS},
     {UMBU_BAKE_LIGHT, UMBU_READ(umbb_light_option_name, "the name of a light"), LIGHTS},
     {UMBU_BAKE_LIGHT_SIZE,
      UMBU_READ(umbb_light_option_size,
@@ -122,10 +128,10 @@ static const struct umbu_option ASSET[] = {
                "0.53deg (directional ones, at most 90deg)"),
      LIGHTS},
     {UMBU_BAKE_UP, UMBU_CHOICE("|y|z"), AT(up)},
-    {UMBU_BAKE_CLOSED, UMBU_CHOICE("auto|on|off"), AT(closed)},
+    {UMBU_BAKE_CLOSED, UMBU_CHOICE("auto|on|off|parts"), AT(closed)},
     {UMBU_BAKE_EFFECT,
      UMBU_READ(umbb_effect_set, "NAME=on or NAME=off, NAME one of closed, front, static, penumbra, "
-                                "cut-out, transmittance; off also for mraa, voaa")},
+                                "cut-out, blend-cut-out, transmittance; off also for mraa, voaa")},
     {UMBU_BAKE_STATIC, UMBU_FLAG, AT(static_rule)},
     {UMBU_BAKE_DEPTH, UMBU_CHOICE("auto|embree|raster|plain"), AT(depth)},
     {UMBU_BAKE_VERIFY, UMBU_COUNT(0, UMBB_VERIFY_POINTS_MAX), AT(verify_points),

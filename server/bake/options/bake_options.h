@@ -15,9 +15,10 @@
 #include "tool/threads.h"
 
 enum umbb_closed_mode {
-    UMBB_CLOSED_AUTO = 0, /* parts that are closed */
-    UMBB_CLOSED_ON = 1,   /* every part, on the caller's word */
-    UMBB_CLOSED_OFF = 2,  /* none */
+    UMBB_CLOSED_AUTO = 0,  /* parts that are closed, if that saves enough bytes */
+    UMBB_CLOSED_ON = 1,    /* every part, on the caller's word */
+    UMBB_CLOSED_OFF = 2,   /* none */
+    UMBB_CLOSED_PARTS = 3, /* parts that are closed, whatever that saves */
 };
 
 enum umbb_depth_path {
@@ -28,7 +29,7 @@ enum umbb_depth_path {
 };
 
 enum umbb_up_axis {
-    UMBB_UP_OF_FORMAT = 0, /* y for glTF, z for OBJ, PLY and STL */
+    UMBB_UP_OF_SCENE = 0, /* y for glTF; what OBJ, PLY and STL files tell (umbs_scene_view.z_up) */
     UMBB_UP_Y = 1,
     UMBB_UP_Z = 2,
 };
@@ -76,6 +77,7 @@ struct umbb_options {
     int static_rule;            /* effect `static`: nothing moves */
     int opaque_cut_outs;        /* effect `cut-out` switched off */
     int opaque_translucents;    /* effect `transmittance` switched off */
+    int sharp_cut_outs;         /* effect `blend-cut-out`: sharp BLEND materials are cut-outs */
     enum umbb_penumbra_mode penumbra;
     unsigned threads; /* 1.. */
     uint64_t memory_bytes;

@@ -26,6 +26,7 @@ static const struct {
     {"cut-out", BY_CALLER, NULL},
     {"transmittance", BY_CALLER, NULL},
     {"static", BY_CALLER, NULL},
+    {"blend-cut-out", BY_CALLER, NULL},
     {"mraa", BY_VERSION, NULL},
     {"voaa", BY_VERSION, NULL},
 };
@@ -40,6 +41,8 @@ static void decide(struct umbb_options *options, const char *name, int on)
         options->opaque_cut_outs = !on;
     } else if (strcmp(name, "transmittance") == 0) {
         options->opaque_translucents = !on;
+    } else if (strcmp(name, "blend-cut-out") == 0) {
+        options->sharp_cut_outs = on;
     } else if (strcmp(name, "static") == 0) {
         options->static_rule = on;
     } else if (strcmp(name, "penumbra") == 0) {

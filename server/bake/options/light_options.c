@@ -125,6 +125,37 @@ enum umb_status umbb_light_option_point(const struct umbu_option *option, const 
     return add_request(lights, &request, option, value, error);
 }
 
+/* Number of a list's parts: of commas, and one. */
+static size_t count_parts(const char *text)
+{
+    size_t count = 1;
+    for (; *text != '\0'; text++) {
+        count += *text == ',';
+    }
+    return count;
+}
+
+enum umb_status umbb_light_option_area(const struct umbu_option *option, const char *value,
+                                       void *lights, struct umb_error *error)
+{
+    double n[11] = {0};
+    const size_t count = count_parts(value);
+    const int is_disc = count == 7, has_axis = count == 11;
+    if ((!is_disc && !has_axis && count != 8) || !read_places(value, count, n) ||
+        !(fabs(n[3]) + fabs(n[4]) + fabs(n[5]) > 0.0) || !(n[6] > 0.0) ||
+        n[6] > UMBB_LIGHT_SIZE_M_MAX || !(is_disc || n[7] > 0.0) || n[7] > UMBB_LIGHT_SIZE_M_MAX ||
+        (has_axis && !(fabs(n[8]) + fabs(n[9]) + fabs(n[10]) > 0.0))) {
+        return umbu_refuse(option, value, error);
+    }
+    const struct umbb_light_request request = {.kind = UMBB_REQUEST_AREA,
+                                               .position = {n[0], n[1], n[2]},
+                                               .direction = {n[3], n[4], n[5]},
+                                               .width = is_disc ? 0.0 : n[6],
+                                               .height = is_disc ? n[6] : n[7],
+                                               .axis = {n[8], n[9], n[10]}};
+    return add_request(lights, &request, option, value, error);
+}
+
 enum umb_status umbb_light_option_size(const struct umbu_option *option, const char *value,
                                        void *lights, struct umb_error *error)
 {

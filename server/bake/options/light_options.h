@@ -27,6 +27,7 @@ enum umbb_light_request_kind {
     UMBB_REQUEST_NAME = 2,
     UMBB_REQUEST_SPOT = 3,
     UMBB_REQUEST_POINT = 4,
+    UMBB_REQUEST_AREA = 5,
 };
 
 /* One light option; only the fields of its kind are set. */
@@ -35,8 +36,11 @@ struct umbb_light_request {
     double azimuth_deg, elevation_deg;
     struct umbb_sun_path path;
     const char *name;    /* borrowed from argv */
-    double position[3];  /* metres, world: SPOT, POINT */
-    double direction[3]; /* not zero: SPOT */
+    double position[3];  /* metres, world: SPOT, POINT, AREA */
+    double direction[3]; /* not zero: SPOT, AREA */
+    double width;        /* metres: first side of a rectangle; 0: a disc: AREA */
+    double height;       /* metres: second side, or the diameter of a disc: AREA */
+    double axis[3];      /* direction of the first side; 0: level: AREA */
     double half_deg;     /* half of the cone's angle: SPOT */
 };
 
@@ -54,6 +58,6 @@ typedef enum umb_status umbb_light_option_fn(const struct umbu_option *option, c
                                              void *lights, struct umb_error *error);
 
 umbb_light_option_fn umbb_light_option_sun, umbb_light_option_path, umbb_light_option_name,
-    umbb_light_option_spot, umbb_light_option_point, umbb_light_option_size;
+    umbb_light_option_spot, umbb_light_option_point, umbb_light_option_area, umbb_light_option_size;
 
 #endif

@@ -40,7 +40,7 @@ static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint
 {
     const struct umbs_cut *cut = &cuts->table->cuts[number];
     const struct umbb_cut_plane *plane = &cuts->planes[number];
-    const struct umbs_material *material = &cuts->table->view->materials[cut->material];
+    const struct umbs_material *material = &cuts->table->materials[cut->material];
     uint8_t bytes[19 * 8];
     umb__store_f64(bytes, plane->anchor[0]);
     umb__store_f64(bytes + 8, plane->anchor[1]);

@@ -23,14 +23,24 @@
  * workers would cost two thread switches, more than they save. */
 #define INLINE_WORK 2048
 
-/* Returns the look-ups of a batch, in units of one tap. Wide windows read eight texels of a row at
- * a time. */
-static uint64_t work_of(const struct umb_query_settings *settings, size_t count)
+/* Returns whether a part asks a spot, point or area light. */
+static bool asks_lamp(const struct umbd_part *part)
+{
+    struct umb_light_info info;
+    return umb_asset_get_light(umbs_entry_asset(part->entry), part->light, &info) == UMB_OK &&
+           info.kind != UMB_LIGHT_DIRECTIONAL;
+}
+
+/* Returns the look-ups of a part of a batch, in units of one tap. Wide windows read eight texels of
+ * a row at a time. */
+static uint64_t work_of(const struct umb_query_settings *settings, const struct umbd_part *part,
+                        size_t count)
 {
     uint64_t taps = settings->taps > 0 ? settings->taps : 1;
     const struct umb__filter *filter = umb__filter_of(settings->filter);
+    const double lamp = filter->work_lamp > 0 && asks_lamp(part) ? filter->work_lamp : 0;
     const double each =
-        filter->work + filter->work_radian * fmax(fmin(settings->light_extent, 1), 0);
+        filter->work + lamp + filter->work_radian * fmax(fmin(settings->light_extent, 1), 0);
     return (uint64_t)count * ((uint64_t)each + (taps * taps + 7) / 8);
 }
 
@@ -77,9 +87,13 @@ static void state_setting(const struct umbd_batch *batch, struct umbw_query_repl
     }
 }
 
-static int is_small(const struct umb_query_settings *settings, size_t count, size_t parts)
+static int is_small(const struct umbd_batch *batch)
 {
-    return work_of(settings, count) * parts <= INLINE_WORK;
+    uint64_t work = 0;
+    for (size_t i = 0; i < batch->part_count; i++) {
+        work += work_of(&batch->settings, &batch->parts[i], batch->points.count);
+    }
+    return work <= INLINE_WORK;
 }
 
 /* Fills the reply's fields for a batch, all but the answers. ids: [part_count * UMB_ID_BYTES]. */
@@ -302,8 +316,7 @@ static int is_inline(struct umbd_call *call, const struct umbd_batch *batch)
 {
     const size_t count = batch->points.count;
     return count == 0 ||
-           (!batch->picture_work.pack && is_small(&batch->settings, count, batch->part_count) &&
-            umbd_conn_has_turn(call->conn));
+           (!batch->picture_work.pack && is_small(batch) && umbd_conn_has_turn(call->conn));
 }
 
 /* Answers a batch, or submits it to the workers. Returns UMB_OK with *away = 1 if the workers have

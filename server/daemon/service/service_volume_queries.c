@@ -102,9 +102,7 @@ static enum umb_status open_volume_query(struct umbd_call *call, enum umbw_volum
     UMB__TRY(umbd_call_acquire(call, request->asset, &volume_query->entry, error));
     UMB__TRY(umb_volume_prepare(umbs_entry_asset(volume_query->entry), request->light,
                                 &volume_query->volume, error));
-    return kind == UMBW_BOXES     ? umb_volume_check_parallel(&volume_query->volume, error)
-           : kind == UMBW_COLUMNS ? umb_volume_check_columns(&volume_query->volume, error)
-                                  : UMB_OK;
+    return kind == UMBW_COLUMNS ? umb_volume_check_columns(&volume_query->volume, error) : UMB_OK;
 }
 
 static void answer(struct umbd_call *call, struct umbd_task *task)

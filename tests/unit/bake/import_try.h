@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include <fcntl.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -67,11 +68,14 @@ static inline void drop_file(const char *name)
     assert_int_equal(unlink(try_path(name)), 0);
 }
 
+static int try_look; /* 1: imports read what pictures need, too */
+
 /* Writes a file, imports it through the process, and removes it. */
 static inline enum umb_status try_bytes(const char *name, const void *bytes, size_t size,
                                         struct umbs_scene **scene, struct umb_error *error)
 {
-    const struct umbs_import_options options = {.importer_path = "/proc/self/exe", .timeout_s = 60};
+    const struct umbs_import_options options = {
+        .importer_path = "/proc/self/exe", .timeout_s = 60, .look = try_look};
     memset(error, 0, sizeof(*error));
     put_file(name, bytes, size);
     enum umb_status status = umbs_scene_import(try_path(name), &options, scene, error);
@@ -90,6 +94,33 @@ static inline struct umbs_scene *import_text(const char *name, const char *text)
     }
     assert_int_equal(status, UMB_OK);
     return scene;
+}
+
+/* Imports a text for shapes alone and for pictures: the hashes must be equal, and the first must
+ * have no normals. Returns the second. */
+static inline struct umbs_scene *import_look(const char *name, const char *text)
+{
+    uint8_t hash[2][UMB_ID_BYTES];
+    struct umbs_scene *scene = import_text(name, text);
+    umbs_scene_hash(&scene->view, hash[0]);
+    assert_null(scene->view.normals);
+    umbs_scene_destroy(scene);
+    try_look = 1;
+    scene = import_text(name, text);
+    try_look = 0;
+    umbs_scene_hash(&scene->view, hash[1]);
+    assert_memory_equal(hash[0], hash[1], sizeof hash[0]);
+    return scene;
+}
+
+/* The normal at a corner of a triangle of the first mesh. */
+static inline void expect_normal(const struct umbs_scene *scene, size_t triangle, int corner,
+                                 double x, double y, double z)
+{
+    assert_non_null(scene->view.normals);
+    const float *normal = scene->view.normals[scene->view.triangles[triangle][corner]];
+    assert_true(fabs((double)normal[0] - x) < 1e-6 && fabs((double)normal[1] - y) < 1e-6 &&
+                fabs((double)normal[2] - z) < 1e-6);
 }
 
 /* The same with a text that must be refused with words. */

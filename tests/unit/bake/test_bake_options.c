@@ -50,7 +50,7 @@ static void defaults_are_those_of_the_manual(void **state)
     assert_int_equal(o.verify_points, 1000000);
     assert_int_equal(o.closed, UMBB_CLOSED_AUTO);
     assert_int_equal(o.depth, UMBB_DEPTH_AUTO);
-    assert_int_equal(o.up, UMBB_UP_OF_FORMAT);
+    assert_int_equal(o.up, UMBB_UP_OF_SCENE);
     assert_true(o.threads >= 1 && o.threads <= UMBB_THREADS_MAX);
     assert_false(o.lights.count > 0 || o.plan || o.json || o.quiet);
     assert_false(o.lights.has_size_m || o.lights.has_size_deg);
@@ -146,6 +146,15 @@ static void lights_are_kept_in_the_order_given(void **state)
     assert_true(o.lights.items[1].direction[2] == -4.0 && o.lights.items[1].half_deg == 30.0);
     assert_true(o.lights.has_size_m && o.lights.size_m == 0.25);
     assert_true(o.lights.has_size_deg && o.lights.size_deg == 2.0);
+    assert_int_equal(parse("s -o o --area 1,2,3,0,0,-4,0.5 --area 1,2,3,0,0,-4,2,1 "
+                           "--area 1,2,3,0,0,-4,2,1,0,5,0",
+                           &o, &e),
+                     UMB_OK);
+    const struct umbb_light_request *areas = o.lights.items;
+    assert_true(areas[0].width == 0.0 && areas[0].height == 0.5 && areas[0].axis[1] == 0.0);
+    assert_true(areas[1].kind == UMBB_REQUEST_AREA && areas[1].position[2] == 3.0);
+    assert_true(areas[1].width == 2.0 && areas[1].height == 1.0 && areas[1].axis[1] == 0.0);
+    assert_true(areas[2].direction[2] == -4.0 && areas[2].axis[1] == 5.0);
 }
 
 static void more_lights_than_there_is_room_for_are_refused(void **state)
@@ -359,6 +368,12 @@ static void refusals_name_the_option_and_the_value(void **state)
         {"s -o o --point 1,2", "--point", "'1,2'"},
         {"s -o o --point 1,2,3,4", "--point", "'1,2,3,4'"},
         {"s -o o --point 1,2,2e12", "--point", "2e12"},
+        {"s -o o --area 1,2,3,0,0,0,1", "--area", "0,0,0,1"},
+        {"s -o o --area 1,2,3,0,0,1,0", "--area", "1,0"},
+        {"s -o o --area 1,2,3,0,0,1,-1,1", "--area", "-1,1"},
+        {"s -o o --area 1,2,3,0,0,1,1,nan", "--area", "nan"},
+        {"s -o o --area 1,2,3,0,0,1,1,1e7", "--area", "1e7"},
+        {"s -o o --area 1,2,3,0,0,1,1,1,0,0,0", "--area", "0,0,0"},
         {"s -o o --spot 1,2,3,0,0,0,30", "--spot", "0,0,0,30"},
         {"s -o o --spot 1,2,3,0,0,1,91", "--spot", "91"},
         {"s -o o --spot 1,2,3,0,0,1,0", "--spot", "1,0"},

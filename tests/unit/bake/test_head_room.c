@@ -32,11 +32,14 @@ static void fronts_beside_all_else_fit_a_head(void **state)
 {
     (void)state;
     static char text[UMB__TEXT_MAX + 2];
+    static struct umb_light_info infos[UMB_LIGHTS_MAX];
     static const uint32_t lights[] = {1, 2, 365, UMB_LIGHTS_MAX};
     memset(text, 'a', sizeof text - 1);
     for (size_t i = 0; i < 4 * 4; i++) {
         const int translucent = i & 1, wordy = i >> 1 & 1;
+        infos[0].side[0] = wordy; /* area lights add an entry */
         struct umb__content content = {.light_count = lights[i / 4],
+                                       .lights = infos,
                                        .frustum_count = 6 * lights[i / 4],
                                        .plan = text + (wordy ? 1 : sizeof text - 9),
                                        .settings = text + (wordy ? 1 : sizeof text - 30)};
@@ -58,7 +61,9 @@ static void more_lights_than_a_head_holds_are_refused_by_their_number(void **sta
 {
     (void)state;
     uint64_t cells;
+    static struct umb_light_info infos[2040];
     struct umb__content content = {.light_count = 2040,
+                                   .lights = infos,
                                    .frustum_count = 2040,
                                    .plan = (char[]){""},
                                    .settings = (char[]){""},

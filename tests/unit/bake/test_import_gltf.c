@@ -156,6 +156,28 @@ static void expect_gltf_refusal(const char *nodes, const char *more, const char 
     expect_refusal("refused.gltf", gltf(nodes, "0", more), words);
 }
 
+/* Positions serve as normals; the first is 0. What is wrong with a normal costs only the look. */
+static void gltf_pictures_get_normals_and_colours(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene = import_look(
+        "look.gltf",
+        gltf("{\"mesh\":0}", "0",
+             "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.25,7,-1,1]}}],"
+             "\"meshes\":[{\"primitives\":["
+             "{\"attributes\":{\"POSITION\":0,\"NORMAL\":0},\"material\":0},"
+             "{\"attributes\":{\"POSITION\":0,\"NORMAL\":9},\"material\":0},"
+             "{\"attributes\":{\"POSITION\":0,\"NORMAL\":\"x\"},\"material\":0}]}],"));
+    expect_normal(scene, 0, 0, 0, 0, 0);
+    expect_normal(scene, 0, 1, 1, 0, 0);
+    expect_normal(scene, 0, 2, 0, 1, 0);
+    expect_normal(scene, 1, 1, 0, 0, 0);
+    expect_normal(scene, 2, 1, 0, 0, 0);
+    const float *color = scene->view.materials[0].base_color;
+    assert_true(fabsf(color[0] - 0.25F) < 1e-6F && color[1] >= 1.0F && color[2] <= 0.0F);
+    umbs_scene_destroy(scene);
+}
+
 static void gltf_that_would_be_read_wrongly_is_refused(void **state)
 {
     (void)state;
@@ -632,6 +654,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(gltf_nodes_become_instances_of_one_mesh),
         cmocka_unit_test(gltf_lights_shine_along_minus_z_of_their_nodes),
         cmocka_unit_test(gltf_materials_keep_what_matters_to_shadows),
+        cmocka_unit_test(gltf_pictures_get_normals_and_colours),
         cmocka_unit_test(gltf_that_would_be_read_wrongly_is_refused),
         cmocka_unit_test(gltf_references_and_transforms_of_wrong_types_are_named),
         cmocka_unit_test(gltf_strips_and_fans_are_read),

@@ -120,6 +120,32 @@ static void obj_groups_triangles_by_material_of_its_library(void **state)
     umbs_scene_destroy(scene);
 }
 
+static void obj_pictures_get_normals_and_colours(void **state)
+{
+    (void)state;
+    static const char mtl[] =
+        "newmtl red\nKd 1 0.5 0\nnewmtl odd\nKd 2 x\nnewmtl over\nKd 7 -1 1\n";
+    put_file("look.mtl", mtl, sizeof(mtl) - 1);
+    /* The corner at 1 has two normals; a bad, a missing and an unreadable normal are none. */
+    struct umbs_scene *scene = import_look(
+        "look.obj", "mtllib look.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 3 0 4\nvn x\n"
+                    "usemtl red\nf 1//1 2//-2 3//9\nf 1//2 2 3//3\nf 1//1 2//2 3/\n");
+    drop_file("look.mtl");
+    const struct umbs_scene_view *view = &scene->view;
+    expect_normal(scene, 0, 0, 0, 0, 1);
+    expect_normal(scene, 0, 1, 0.6, 0, 0.8);
+    expect_normal(scene, 0, 2, 0, 0, 0);
+    expect_normal(scene, 1, 0, 0.6, 0, 0.8);
+    expect_normal(scene, 1, 1, 0, 0, 0);
+    expect_normal(scene, 1, 2, 0, 0, 0);
+    assert_int_equal(view->triangles[0][0], view->triangles[2][0]);
+    assert_true(fabs((double)view->materials[0].base_color[1] - pow(0.5, 2.2)) < 1e-6);
+    assert_true(view->materials[0].base_color[0] >= 1.0F);
+    assert_true(view->materials[1].base_color[0] >= 1.0F); /* as without the line */
+    assert_true(view->materials[2].base_color[1] <= 0.0F);
+    umbs_scene_destroy(scene);
+}
+
 static void obj_splits_vertices_at_texture_seams_only(void **state)
 {
     (void)state;
@@ -301,6 +327,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(obj_unusable_faces_are_dropped_and_counted),
         cmocka_unit_test(obj_concave_polygon_is_clipped_inside_it),
         cmocka_unit_test(obj_groups_triangles_by_material_of_its_library),
+        cmocka_unit_test(obj_pictures_get_normals_and_colours),
         cmocka_unit_test(obj_splits_vertices_at_texture_seams_only),
         cmocka_unit_test(obj_joins_lines_and_passes_over_the_rest),
         cmocka_unit_test(obj_without_triangles_says_why),

@@ -34,6 +34,21 @@ struct writer {
     int big;
 };
 
+static void ply_pictures_get_normals(void **state)
+{
+    (void)state;
+    struct umbs_scene *scene =
+        import_look("look.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\n"
+                                "property double y\nproperty double z\nproperty float nx\n"
+                                "property float ny\nproperty float nz\nelement face 1\n"
+                                "property list uchar int vertex_indices\nend_header\n"
+                                "0 0 0 0 0 0\n1 0 0 0 3 4\n0 1 0 0 0 -2\n3 0 1 2\n");
+    expect_normal(scene, 0, 0, 0, 0, 0);
+    expect_normal(scene, 0, 1, 0, 0.6, 0.8);
+    expect_normal(scene, 0, 2, 0, 0, -1);
+    umbs_scene_destroy(scene);
+}
+
 static void put_bits(struct writer *writer, uint64_t bits, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -205,6 +220,7 @@ int main(int argc, char **argv)
     }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ply_text_keeps_doubles_exactly),
+        cmocka_unit_test(ply_pictures_get_normals),
         cmocka_unit_test(ply_binary_of_both_orders_reads_all_types),
         cmocka_unit_test(ply_that_is_cut_off_is_refused),
         cmocka_unit_test(ply_reader_survives_random_changes),

@@ -176,8 +176,21 @@ static int window(struct ruled *r, size_t triangle, int taps, double v[3])
     if (!(fabs(n[2]) > 1e-9)) {
         return 0; /* faces away */
     }
+    /* Along the light by at most 2 taps - 1/2 texels, the rest along the normal. */
+    const double need = 65.0 / 64.0 * bias, most = (2 * taps - 0.5) * (r->edge[0] + r->edge[1]) / 2;
+    const double lift = fmin(need / fabs(n[2]), most), rest = need - lift * fabs(n[2]);
+    double deeper = -lift / r->edge[2];
     for (int k = 0; k < 3; k++) {
-        v[k] = floor((p[k] + 65.0 / 64.0 * bias * n[k]) / r->edge[k]);
+        v[k] = (p[k] + rest * n[k]) / r->edge[k];
+    }
+    for (int k = 0; k < 2 && taps > 1 && lift < most; k++) {
+        /* From the plane's depth at the centre of the window half a texel less suffices. */
+        const double slope = n[k] * r->edge[k] / (fabs(n[2]) * r->edge[2]);
+        deeper += slope * (0.5 - (v[k] - floor(v[k]))) + 65.0 / 128.0 * fabs(slope);
+    }
+    v[2] += deeper;
+    for (int k = 0; k < 3; k++) {
+        v[k] = floor(v[k]);
     }
     return v[0] >= 0 && v[0] < SIZE && v[1] >= 0 && v[1] < SIZE && v[2] >= 0 && v[2] < SIZE;
 }

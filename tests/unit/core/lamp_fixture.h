@@ -81,25 +81,50 @@ static inline void set_content(struct umb__content *content)
     }
 }
 
-static inline struct umb_asset *make_asset(const struct plane *plane)
+/* Voxels of a light's faces, and the light, if it is to be another than a point without extent:
+ * kind, direction, extent and side. */
+struct lamp_model {
+    int (*voxel)(const void *user, uint32_t face, uint32_t x, uint32_t y, uint32_t z);
+    const void *user;
+    const struct umb_light_info *light;
+};
+
+/* Writes an asset of one lamp. Returns NULL, and why, if its content is refused. */
+static inline struct umb_asset *try_lamp(const struct lamp_model *model, struct umb_error *error)
 {
-    const struct voxels voxels = {before_plane, plane, LOG2, FACES};
+    const struct voxels voxels = {model->voxel, model->user, LOG2, FACES};
     struct bytes bytes = {0};
     struct umb__octree octree;
     struct umb__content content;
     struct umb_asset *asset = NULL;
-    struct umb_error error = {0};
     uint8_t id[UMB_ID_BYTES];
     make_octree(&voxels, &octree);
     make_content(&voxels, 1, origin, &content);
     set_content(&content);
+    if (model->light != NULL) {
+        struct umb_light_info *light = &content.lights[0];
+        light->kind = model->light->kind;
+        light->extent = model->light->extent;
+        memcpy(light->direction, model->light->direction, sizeof light->direction);
+        memcpy(light->side, model->light->side, sizeof light->side);
+    }
     struct umb_sink sink = bytes_sink(&bytes);
-    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK ||
-        umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, &error) != UMB_OK) {
-        fail_msg("%s", error.message);
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, error) == UMB_OK) {
+        (void)!umb_asset_open_bytes(bytes.data, bytes.size, NULL, &asset, error);
     }
     umb__octree_finish(&octree);
     bytes_finish(&bytes);
+    return asset;
+}
+
+static inline struct umb_asset *make_asset(const struct plane *plane)
+{
+    const struct lamp_model model = {before_plane, plane, NULL};
+    struct umb_error error = {0};
+    struct umb_asset *asset = try_lamp(&model, &error);
+    if (asset == NULL) {
+        fail_msg("%s", error.message);
+    }
     return asset;
 }
 

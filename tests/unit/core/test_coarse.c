@@ -133,13 +133,9 @@ static void coarse_answers_are_those_of_whole_cells(void **state)
         memcpy(&q, query.opaque, sizeof q);
         for (size_t i = 0; i < POINTS; i++) {
             struct umb_query_stats stats = {0};
-            double p[3], v[3];
-            for (unsigned axis = 0; axis < 3; axis++) {
-                p[axis] = points.origin[axis] - q.origin[axis] + positions[i][axis];
-            }
+            double v[3];
             float expected = 0;
-            if (umb__move(&q, &points, i, p)) {
-                umb__to_voxel(&q, p, v);
+            if (umb__voxel_at(&q, &points, i, v)) {
                 struct umb__window window = umb__window_at(&q, v, &stats);
                 expected = cell_answer(&f, &window, settings.level);
             }

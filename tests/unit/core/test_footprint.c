@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include "query/kernels.h"
 #include "umbrage/query.h"
 #include "volume_fixture.h"
 
@@ -273,6 +274,78 @@ static void runs_of_any_length_give_the_same_bits(void **state)
     volume_fixture_close(&f);
 }
 
+/* The kernels of this processor; with fewer instructions first. */
+static size_t list_kernels(struct umb__kernels kernels[3])
+{
+    size_t count = 0;
+    kernels[count++] =
+        (struct umb__kernels){.receivers = umb__receivers_base, .squares = umb__squares_base};
+#if defined(__x86_64__)
+    const struct umb__kernels *here = umb__kernels_here();
+    if (here->squares != umb__squares_base) {
+        kernels[count++] =
+            (struct umb__kernels){.receivers = umb__receivers_avx2, .squares = umb__squares_avx2};
+    }
+    if (here->squares == umb__squares_avx512) {
+        kernels[count++] = (struct umb__kernels){.receivers = umb__receivers_avx512,
+                                                 .squares = umb__squares_avx512};
+    }
+#endif
+    return count;
+}
+
+/* Answers by every kernel, which must also count the same. */
+static void compare_kernels(const struct volume_fixture *f,
+                            const struct umb_query_settings *settings,
+                            const struct umb_points *points)
+{
+    static float values[3][POINTS];
+    struct umb__kernels kernels[3];
+    struct umb_query_stats first = {0};
+    for (size_t k = 0, count = list_kernels(kernels); k < count; k++) {
+        struct umb_query query;
+        struct umb_answers answers = {.values = values[k]};
+        assert_int_equal(umb_query_prepare(f->asset, settings, &query, NULL), UMB_OK);
+        struct umb__query q;
+        memcpy(&q, query.opaque, sizeof q);
+        q.kernels = &kernels[k];
+        memcpy(query.opaque, &q, sizeof q);
+        umb_query_run(&query, points, 0, points->count, &answers);
+        first = k == 0 ? answers.stats : first;
+        assert_memory_equal(values[k], values[0], sizeof values[0]);
+        assert_memory_equal(&answers.stats, &first, sizeof first);
+    }
+}
+
+/* Squares of a texel and wider than the frustum, on its edges and far from it, at every bias. */
+static void every_kernel_gives_the_same_bits(void **state)
+{
+    (void)state;
+    static struct batch batch;
+    static const double wild[] = {0, 1e3, -1e7, 1e12, -1e30, 1e300};
+    for (uint32_t log2_size = 6; log2_size <= 8; log2_size++) {
+        struct volume_fixture f;
+        volume_fixture_open(&f, log2_size == 7 ? fixture_hills : fixture_noise, log2_size, 1, 0);
+        for (unsigned turn = 0; turn < 24; turn++) {
+            struct umb_query_settings settings = {.taps = 1 + 2 * (turn % 3),
+                                                  .bias_mode = (enum umb_bias_mode)(turn % 4),
+                                                  .bias = 1.5,
+                                                  .filter = UMB_FILTER_FOOTPRINT};
+            draw_batch(&f, 7000 + turn, 0.3 * (1U << turn % 12), &batch);
+            for (size_t i = 0; i < POINTS && turn % 5 == 0; i += 7) {
+                batch.positions[i][i % 3] += wild[i % 6];
+            }
+            struct umb_points points = points_of(&batch);
+            compare_kernels(&f, &settings, &points);
+            points.footprints = points.normals = NULL;
+            memcpy(settings.eye, fixture_origin, sizeof settings.eye);
+            settings.pixel_rad = 0.01 * (1U << turn % 7);
+            compare_kernels(&f, &settings, &points);
+        }
+        volume_fixture_close(&f);
+    }
+}
+
 static void pixels_cover_more_of_a_surface_that_leans_away(void **state)
 {
     (void)state;
@@ -348,6 +421,7 @@ int main(void)
         cmocka_unit_test(answers_are_continuous_in_the_footprint),
         cmocka_unit_test(a_plane_is_lit_whatever_the_footprint),
         cmocka_unit_test(runs_of_any_length_give_the_same_bits),
+        cmocka_unit_test(every_kernel_gives_the_same_bits),
         cmocka_unit_test(pixels_cover_more_of_a_surface_that_leans_away),
         cmocka_unit_test(footprints_out_of_range_are_named),
     };

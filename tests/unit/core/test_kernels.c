@@ -8,6 +8,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "make_asset.h"
@@ -71,7 +72,7 @@ static const struct umb__query *prepare(const struct umb_asset *asset,
 
 struct kernel {
     const char *name;
-    umb__kernel_fn run;
+    umb__kernel_fn run, tent;
 };
 
 enum {
@@ -82,14 +83,14 @@ enum {
 static size_t list_kernels(struct kernel kernels[KERNELS])
 {
     size_t count = 0;
-    kernels[count++] = (struct kernel){"base", umb__kernel_base};
+    kernels[count++] = (struct kernel){"base", umb__kernel_base, umb__tent_base};
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
-        kernels[count++] = (struct kernel){"avx2", umb__kernel_avx2};
+        kernels[count++] = (struct kernel){"avx2", umb__kernel_avx2, umb__tent_avx2};
         if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw") &&
             __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512cd")) {
-            kernels[count++] = (struct kernel){"avx512", umb__kernel_avx512};
-            kernels[count++] = (struct kernel){"either, in pieces", umb__run_wide};
+            kernels[count++] = (struct kernel){"avx512", umb__kernel_avx512, umb__tent_avx512};
+            kernels[count++] = (struct kernel){"either, in pieces", umb__run_wide, umb__tent_wide};
         }
     }
 #endif
@@ -114,18 +115,37 @@ static void make_points(uint32_t size, double spread, uint64_t *seed)
     }
 }
 
+/* The header's words for a tent around v, texel by texel. */
+static uint32_t tent_alone(const struct umb__query *q, const double v[3])
+{
+    const int32_t half = q->taps / 2;
+    struct umb_query_stats stats = {0};
+    struct umb__query one = *q;
+    uint32_t sum = 0;
+    one.taps = 1;
+    for (int32_t j = -half; j <= half; j++) {
+        for (int32_t i = -half; i <= half; i++) {
+            const double at[3] = {floor(v[0]) + i + 0.5, floor(v[1]) + j + 0.5, v[2]};
+            const struct umb__window texel = umb__window_at(&one, at, &stats);
+            const uint32_t lit =
+                texel.all_lit ? 1 : texel.outside + umb__count_window(&one, &texel, &stats);
+            sum += lit * (uint32_t)((half + 1 - abs(i)) * (half + 1 - abs(j)));
+        }
+    }
+    return sum;
+}
+
 /* What the kernels must say of point i, told point by point. */
 static uint32_t lit_alone(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
     struct umb_query_stats stats = {0};
-    double p[3], v[3];
-    for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = points->origin[axis] - q->origin[axis] + umb__coordinate(points, i, axis);
-    }
-    if (!umb__move(q, points, i, p)) {
+    double v[3];
+    if (!umb__voxel_at(q, points, i, v)) {
         return 0;
     }
-    umb__to_voxel(q, p, v);
+    if (q->filter == UMB_FILTER_TENT) {
+        return tent_alone(q, v);
+    }
     struct umb__window window = umb__window_at(q, v, &stats);
     return window.all_lit ? (uint32_t)(q->taps * q->taps)
                           : window.outside + umb__count_window(q, &window, &stats);
@@ -177,26 +197,30 @@ static void check_batch(const struct umb__query *q, const struct umb_points *poi
     static float values[KERNELS][POINTS];
     struct umb_query_stats stats[KERNELS];
     struct kernel kernels[KERNELS];
+    const bool tent = q->filter == UMB_FILTER_TENT;
     size_t count = list_kernels(kernels);
     for (size_t k = 0; k < count; k++) {
         struct umb_answers answers = {.values = values[k]};
-        kernels[k].run(q, points, 0, POINTS, &answers);
+        (tent ? kernels[k].tent : kernels[k].run)(q, points, 0, POINTS, &answers);
         stats[k] = answers.stats;
         assert_memory_equal(values[k], values[0], sizeof values[0]);
         assert_memory_equal(&stats[k], &stats[0], sizeof stats[0]);
     }
-    float total = (float)(q->taps * q->taps);
-    for (size_t i = 0; i < POINTS; i++) {
+    const uint32_t m = (uint32_t)(q->taps + 1) / 2;
+    const float total = (float)(tent ? m * m * m * m : (uint32_t)(q->taps * q->taps));
+    for (size_t i = 0; i < POINTS; i += tent ? 19 : 1) {
         assert_true(values[0][i] == (float)lit_alone(q, points, i) / total);
     }
 }
 
-/* All filters, biases and forms of points against one asset's last light. */
-static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t taps)
+/* All biases and forms of points against one asset's last light. */
+static void check_filter(const struct umb_asset *asset, uint32_t light, enum umb_filter filter,
+                         uint32_t taps)
 {
     for (int mode = UMB_BIAS_AUTO; mode <= UMB_BIAS_NONE; mode++) {
         struct umb_query_settings settings = {
             .light = light, .taps = taps, .bias_mode = (enum umb_bias_mode)mode, .bias = 1.5};
+        settings.filter = filter;
         struct umb_query query;
         const struct umb__query *q = prepare(asset, &settings, &query);
         for (int form = 0; form < 4; form++) {
@@ -209,6 +233,12 @@ static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t 
             check_batch(q, &points);
         }
     }
+}
+
+static void check_asset(const struct umb_asset *asset, uint32_t light, uint32_t taps)
+{
+    check_filter(asset, light, UMB_FILTER_BOX, taps);
+    check_filter(asset, light, UMB_FILTER_TENT, taps);
 }
 
 /* Builds, checks that the grid leads to nodes of `cell_level`, and compares. */
@@ -385,7 +415,8 @@ struct far_bricks {
 /* A query of one tap whose voxels are the points' coordinates. */
 static struct umb__query far_bricks_make(struct far_bricks *far, uint64_t *seed)
 {
-    struct umb__query q = {.columns = far->columns,
+    struct umb__query q = {.total = 1,
+                           .columns = far->columns,
                            .pieces = far->pieces,
                            .nodes = far->nodes,
                            .bricks = (const uint64_t(*)[8])far->bricks,

@@ -254,7 +254,7 @@ static int order_in_steps(const struct umb__octree *octree, const struct umb_wor
 {
     struct umb__pack_ordering *ordering;
     int steps = 0;
-    assert_int_equal(umb__pack_order_begin(octree, workers, order, &ordering, NULL), UMB_OK);
+    assert_int_equal(umb__pack_order_begin(octree, workers, false, order, &ordering, NULL), UMB_OK);
     for (; !umb__pack_order_complete(ordering); steps++) {
         const uint32_t before = order->page_count;
         assert_int_equal(umb__pack_order_reserve(ordering, 3), UMB_OK);
@@ -346,7 +346,8 @@ static size_t peak_with_helpers(const struct umb__octree *octree, unsigned count
     struct umb__pack_order order;
     struct umb__pack_ordering *ordering;
     counted.alloc = &alloc;
-    assert_int_equal(umb__pack_order_begin(&counted, &workers, &order, &ordering, NULL), UMB_OK);
+    assert_int_equal(umb__pack_order_begin(&counted, &workers, false, &order, &ordering, NULL),
+                     UMB_OK);
     umb__pack_ordering_destroy(ordering);
     umb__pack_order_finish(&order);
     assert_int_equal(tally.bytes, 0);

@@ -38,7 +38,11 @@ static void helpers_in_any_order_write_the_same_bytes(void **state)
     struct umb_sink sink = bytes_sink(&again);
     uint32_t jobs = 0;
     const struct umb_workers workers = {3, run_backwards, &jobs};
-    const struct umb__pack_job job = {&content, &octree, &test_digest, &sink, &workers, NULL};
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = &test_digest,
+                                      .sink = &sink,
+                                      .workers = &workers};
     uint8_t id[UMB_ID_BYTES];
     (void)state;
     make_octree(&larger, &octree);
@@ -74,12 +78,12 @@ static void a_cancelled_packing_ends_between_pages_and_writes_nothing(void **sta
         struct umb_sink sink = bytes_sink(&out);
         struct umb_error error = {0};
         uint8_t id[UMB_ID_BYTES];
-        const struct umb__pack_job job = {&content,
-                                          &octree,
-                                          &test_digest,
-                                          &sink,
-                                          helped ? &workers : NULL,
-                                          cancelled_at_the_second_time};
+        const struct umb__pack_job job = {.content = &content,
+                                          .octree = &octree,
+                                          .sha256 = &test_digest,
+                                          .sink = &sink,
+                                          .workers = helped ? &workers : NULL,
+                                          .cancelled = cancelled_at_the_second_time};
         asked = 0;
         assert_int_equal(umb__pack_run(&job, id, &error), UMB_E_CANCELLED);
         assert_int_equal(error.status, UMB_E_CANCELLED);

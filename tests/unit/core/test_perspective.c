@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "lamp_fixture.h"
@@ -194,6 +195,68 @@ static void splits_formats_and_explanations_agree(void **state)
     umb_asset_close(asset);
 }
 
+/* Weight of a texel on one axis, as the header gives it. */
+static double weight_of(enum umb_filter filter, int32_t distance, int32_t taps)
+{
+    const double sigma = taps / 6.0;
+    return filter == UMB_FILTER_TENT ? (taps + 1) / 2 - distance
+                                     : exp(-distance * distance / (2 * sigma * sigma));
+}
+
+/* The explanation draws the texels of the box around the same place. */
+static double weigh_rows(const struct umb_explanation *e, enum umb_filter filter)
+{
+    const int32_t taps = (int32_t)e->taps;
+    double lit = 0, all = 0;
+    for (int32_t j = 0; j < taps; j++) {
+        for (int32_t i = 0; i < taps; i++) {
+            const double weight = weight_of(filter, abs(i - taps / 2), taps) *
+                                  weight_of(filter, abs(j - taps / 2), taps);
+            lit += (e->rows[j] >> i & 1) * weight;
+            all += weight;
+        }
+    }
+    return e->facing_away ? 0 : lit / all;
+}
+
+static void tents_and_gaussians_weigh_the_texels_of_a_lamp(void **state)
+{
+    (void)state;
+    uint64_t seed = 20261123;
+    static float values[POINTS];
+    struct umb_answers answers = {.values = values};
+    const struct umb_points points = batch(1);
+    const struct plane plane = random_plane(&seed);
+    struct umb_asset *asset = make_asset(&plane);
+    size_t partly = 0;
+    for (size_t i = 0; i < POINTS; i++) {
+        plane_point(&plane, random_unit(&seed) * 0.4 - 0.2, &seed, storage[i]);
+        for (int k = 0; k < 3; k++) {
+            normals[i][k] = (float)(random_unit(&seed) * 2 - 1);
+        }
+    }
+    for (uint32_t taps = 3; taps <= UMB_TAPS_MAX; taps += 6) {
+        struct umb_query box;
+        const struct umb_query_settings settings = {.taps = taps};
+        assert_int_equal(umb_query_prepare(asset, &settings, &box, NULL), UMB_OK);
+        for (int tent = 0; tent < 2; tent++) {
+            struct umb_query_settings weighted = settings;
+            weighted.filter = tent ? UMB_FILTER_TENT : UMB_FILTER_GAUSSIAN;
+            run(asset, &weighted, &points, &answers);
+            for (size_t i = 0; i < POINTS; i++) {
+                struct umb_explanation e;
+                umb_query_explain(&box, &points, i, &e);
+                /* A Gaussian is cut off and rounded: the header's bound. */
+                const double want = weigh_rows(&e, weighted.filter);
+                assert_true(fabs((double)values[i] - want) <= (tent ? 1e-6 : 0.006));
+                partly += want > 0.01 && want < 0.99;
+            }
+        }
+    }
+    assert_true(partly > POINTS);
+    umb_asset_close(asset);
+}
+
 static void wild_points_do_no_harm(void **state)
 {
     (void)state;
@@ -287,6 +350,7 @@ int main(void)
         cmocka_unit_test(a_plane_never_shadows_itself_across_faces),
         cmocka_unit_test(sides_of_a_plane_are_told_apart_in_every_face),
         cmocka_unit_test(splits_formats_and_explanations_agree),
+        cmocka_unit_test(tents_and_gaussians_weigh_the_texels_of_a_lamp),
         cmocka_unit_test(wild_points_do_no_harm),
         cmocka_unit_test(hostile_matrices_are_refused_or_harmless),
     };

@@ -203,23 +203,24 @@ static void make_normal(const struct turned *t, int odd, uint64_t *seed, float n
     }
 }
 
-/* Where umb__move begins to end where p is, to a rounding or two. */
-static void unmove(const struct turned *t, const float normal[3], double p[3])
+/* Moves p so that the bias ends where p was, to a rounding or two. In: v: p in voxel space. */
+static void unmove(const struct turned *t, const float normal[3], const double v[3], double p[3])
 {
     const struct umb__query *q = t->q;
-    double length2 = 0, sum = 0;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        double along = 0;
-        for (unsigned k = 0; k < 3; k++) {
-            along += (double)normal[k] * q->voxel_step[axis][k];
-        }
-        length2 += (double)normal[axis] * (double)normal[axis];
-        sum += fabs(along) * (axis < 2 ? q->taps : 1);
+    struct umb__lift lift = {0, {0, 0}};
+    double n[3], length2 = 0, scale = 0;
+    for (unsigned k = 0; k < 3; k++) {
+        n[k] = (double)normal[k];
+        length2 += n[k] * n[k];
     }
-    const double scale = q->bias_mode == UMB_BIAS_AUTO ? 0.5 * UMB__BIAS_SLACK * sum / length2
-                                                       : q->bias_m / sqrt(length2);
-    for (unsigned k = 0; k < 3 && length2 > 0.01 && length2 < 100; k++) {
-        p[k] -= (double)normal[k] * scale + q->direction[k] * q->no_normal_m;
+    if (!(length2 > 0.01 && length2 < 100)) {
+        return;
+    }
+    scale = q->bias_mode == UMB_BIAS_AUTO ? umb__lift_auto(q, n, length2, &lift)
+                                          : q->bias_m / sqrt(length2);
+    const double shift = umb__lift_depth(&lift, v);
+    for (unsigned k = 0; k < 3; k++) {
+        p[k] -= n[k] * scale + q->direction[k] * q->no_normal_m + shift * q->voxel_step[2][k];
     }
 }
 
@@ -282,6 +283,7 @@ static void check_batches(uint32_t taps, int count,
         turn(&t, (double)(1U << next_random(seed) % 20), seed);
         t.q->bias_mode = next_random(seed) % 3 ? UMB_BIAS_AUTO : UMB_BIAS_METRES;
         t.q->bias_m = t.q->bias_mode == UMB_BIAS_AUTO ? 0 : 4 * random_unit(seed) - 1;
+        t.q->lift_texel = next_random(seed) % 4 ? 2 * random_unit(seed) : 0;
         for (unsigned k = 0; k < 3; k++) {
             points.origin[k] = next_random(seed) % 2 ? 100 * random_unit(seed) : 0;
         }
@@ -294,7 +296,7 @@ static void check_batches(uint32_t taps, int count,
                 for (unsigned k = 0; k < 3 && taps > 1 && i / 16 % 4 == 1; k++) {
                     normals[i][k] = (float)t.q->direction[k];
                 }
-                unmove(&t, normals[i], places[i]);
+                unmove(&t, normals[i], v, places[i]);
             }
             for (unsigned k = 0; k < 3; k++) {
                 narrow[i][k] = (float)places[i][k];

@@ -225,6 +225,55 @@ static void a_solid_with_a_hole_counts_as_open(void **state)
     }
 }
 
+/* A BLEND material is sharp by the share of its texels that are clear or opaque. */
+static void sharp_materials_become_cut_outs_on_request(void **state)
+{
+    (void)state;
+    static struct cut_scene s;
+    static const struct {
+        int soft; /* of 40 columns of texels, how many are half clear */
+        float base_alpha, transmission;
+        int is_sharp;
+    } cases[] = {{1, 1.0F, 0.0F, 1},
+                 {12, 1.0F, 0.0F, 0},
+                 {1, 0.6F, 0.0F, 0},   /* opaque texels take 60 % */
+                 {1, 1.0F, 0.2F, 0},   /* glass */
+                 {-1, 1.0F, 0.0F, 0}}; /* opaque all over */
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cut_scene_init(&s, 500 + i);
+        for (int k = 0; k < CUT_SIDE * CUT_SIDE; k++) {
+            const int x = k % CUT_SIDE;
+            s.alpha[k] = (uint8_t)(cases[i].soft < 0 || x < 10 ? 255
+                                   : x < 10 + cases[i].soft    ? 128
+                                                               : 0);
+        }
+        s.texture.nearest = 1;
+        s.materials[1].alpha_mode = UMBS_ALPHA_BLEND;
+        s.materials[1].base_alpha = cases[i].base_alpha;
+        s.materials[1].transmission = cases[i].transmission;
+        for (uint32_t k = 0; k < 100; k++) {
+            cut_scene_add_random(&s, 2.0, 1);
+        }
+        struct umbs_cuts blend, cut;
+        assert_int_equal(umbs_cuts_find(&s.view, &blend, NULL), UMB_OK);
+        assert_int_equal(umbs_cuts_find_sharp(&s.view, &cut, NULL), UMB_OK);
+        assert_int_equal(blend.sharp.triangles, cases[i].is_sharp ? 100 : 0);
+        assert_int_equal(cut.sharp.triangles, blend.sharp.triangles);
+        assert_int_equal(blend.figures.triangles, 0);
+        if (cases[i].is_sharp) {
+            assert_int_equal(blend.sharp.first, 1);
+            assert_true(blend.sharp.share > 0.95 && blend.sharp.share < 1.0);
+            assert_true(blend.translucent.triangles > 50 && cut.translucent.triangles == 0);
+            assert_true(cut.figures.triangles > 50);
+            assert_true(umbs_cut_keeps(&cut, 0, 0.1, 0.5) && !umbs_cut_keeps(&cut, 0, 0.6, 0.5));
+        } else {
+            assert_int_equal(cut.translucent.triangles, blend.translucent.triangles);
+        }
+        umbs_cuts_finish(&blend);
+        umbs_cuts_finish(&cut);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -235,6 +284,7 @@ int main(void)
         cmocka_unit_test(the_share_of_a_texture_that_repeats_is_not_that_of_one_texel),
         cmocka_unit_test(mirrored_instances_keep_each_corner_with_its_coordinates),
         cmocka_unit_test(a_solid_with_a_hole_counts_as_open),
+        cmocka_unit_test(sharp_materials_become_cut_outs_on_request),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

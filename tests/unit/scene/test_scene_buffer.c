@@ -43,6 +43,8 @@ static void build(struct umbs_scene_builder *builder)
         float uv[2] = {(float)quad[i][0], (float)quad[i][1]};
         assert_int_equal(umbs_scene_add_vertex(builder, quad[i], i > 0 ? uv : NULL, &error), 0);
     }
+    static const double up[3] = {0, 0, 4}; /* of any length */
+    assert_int_equal(umbs_scene_set_normal(builder, up, &error), 0);
     for (int i = 0; i < 3; i++) {
         assert_int_equal(umbs_scene_add_vertex(builder, apex[i], NULL, &error), 0);
         assert_int_equal(umbs_scene_add_triangle(builder, corners[i], &error), 0);
@@ -58,11 +60,11 @@ static void build(struct umbs_scene_builder *builder)
         assert_int_equal(umbs_scene_add_material(builder, &material, &error), 0);
     }
     struct umbs_light light = {.name = "sun", .direction = {0, 0.6, -0.8}, .intensity = 1};
-    assert_int_equal(umbs_scene_add_light(builder, &light, &error), 0);
+    assert_int_equal(umbs_scene_add_light(builder, &light, NULL, &error), 0);
     light.kind = UMB_LIGHT_SPOT;
     light.inner_cone = 0.25;
     light.outer_cone = 0.5;
-    assert_int_equal(umbs_scene_add_light(builder, &light, &error), 0);
+    assert_int_equal(umbs_scene_add_light(builder, &light, NULL, &error), 0);
     assert_int_equal(umbs_scene_end_mesh(builder, 0, 4, 2, 1, &error), 0);
     assert_int_equal(umbs_scene_end_mesh(builder, 4, 3, 1, UMBS_NO_INDEX, &error), 0);
     static const double mirror[3][4] = {{-2, 0, 0, 10}, {0, 1, 0, 20}, {0, 0, 1, 30}};
@@ -289,6 +291,17 @@ static void break_texture(unsigned char *bytes, struct umbs_scene_header *header
     ((struct umbs_texture *)section(bytes, header, UMBS_SECTION_TEXTURES))[0].offset = UINT64_MAX;
 }
 
+static void break_normal(unsigned char *bytes, struct umbs_scene_header *header)
+{
+    ((float *)section(bytes, header, UMBS_SECTION_NORMALS))[11] = 1.5F;
+}
+
+static void break_color(unsigned char *bytes, struct umbs_scene_header *header)
+{
+    ((struct umbs_material *)section(bytes, header, UMBS_SECTION_MATERIALS))[1].base_color[2] =
+        (float)NAN;
+}
+
 static void view_names_the_field_it_refuses(void **state)
 {
     (void)state;
@@ -303,6 +316,8 @@ static void view_names_the_field_it_refuses(void **state)
     expect_refusal(break_name, "light 0: name");
     expect_refusal(break_world_count, "world_triangle_count is 5");
     expect_refusal(break_texture, "texture 0: pixels");
+    expect_refusal(break_normal, "normal 3: is not in -1..1");
+    expect_refusal(break_color, "material 1: base_color");
 }
 
 static void hash_after(void (*change)(unsigned char *, struct umbs_scene_header *),
@@ -342,6 +357,28 @@ static void change_light(unsigned char *bytes, struct umbs_scene_header *header)
 static void change_uv(unsigned char *bytes, struct umbs_scene_header *header)
 {
     ((float *)section(bytes, header, UMBS_SECTION_UVS))[3] = 0.125F;
+}
+
+static void change_look(unsigned char *bytes, struct umbs_scene_header *header)
+{
+    ((float *)section(bytes, header, UMBS_SECTION_NORMALS))[11] = -1.0F;
+    ((struct umbs_material *)section(bytes, header, UMBS_SECTION_MATERIALS))[1].base_color[2] =
+        0.25F;
+}
+
+static void what_only_pictures_need_is_not_hashed(void **state)
+{
+    (void)state;
+    uint8_t before[UMB_ID_BYTES], after[UMB_ID_BYTES];
+    hash_after(NULL, before);
+    hash_after(change_look, after);
+    assert_memory_equal(before, after, sizeof before);
+    struct bytes bytes = make_buffer();
+    struct umbs_scene_view view;
+    assert_int_equal(umbs_scene_view(bytes.data, bytes.size, &view, NULL), UMB_OK);
+    assert_non_null(view.normals);
+    assert_true(view.normals[3][2] >= 1.0F && view.normals[2][2] <= 0.0F);
+    free(bytes.data);
 }
 
 static void hash_follows_content_and_not_names(void **state)
@@ -522,6 +559,7 @@ int main(void)
         cmocka_unit_test(view_survives_every_field_replaced),
         cmocka_unit_test(view_names_the_field_it_refuses),
         cmocka_unit_test(hash_follows_content_and_not_names),
+        cmocka_unit_test(what_only_pictures_need_is_not_hashed),
         cmocka_unit_test(hash_is_of_the_triangles_and_not_of_how_they_are_written),
         cmocka_unit_test(builder_refuses_more_triangles_than_allowed),
         cmocka_unit_test(text_is_cleaned_to_utf8_without_controls),

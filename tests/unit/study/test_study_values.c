@@ -8,7 +8,8 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "study/picture.h"
+#include "study/picture_light.h"
+#include "study/picture_text.h"
 #include "study/study_scene.h"
 #include "study/study_math.h"
 #include "study/traced_shadow.h"
@@ -42,6 +43,80 @@ static void tone_curve_rises_and_stays_in_range(void **state)
         assert_true(lit.c[k] > 2.0 * shadowed.c[k]);
         near_check("facing away", away.c[k], shadowed.c[k], 0.0);
     }
+}
+
+/* Over a square of the pattern, the mean of the codes is the value itself. */
+static void dithered_values_keep_their_mean(void **state)
+{
+    (void)state;
+    for (double x = 0.05; x < 0.95; x += 0.01) {
+        double sum = 0.0;
+        const double encoded = 255.0 * (1.055 * pow(x, 1.0 / 2.4) - 0.055);
+        for (uint32_t i = 0; i < 64; i++) {
+            sum += umbt_srgb8_dithered(x, umbt_dither(8 + i % 8, 16 + i / 8));
+        }
+        near_check("mean of the codes", sum / 64.0, encoded, 1.0 / 64.0);
+    }
+    assert_int_equal(umbt_srgb8_dithered(1.0, 0.999), 255);
+    assert_int_equal(umbt_srgb8_dithered(0.0, 0.999), 0);
+}
+
+/* Number of white pixels, and checks that all others are a quarter of what they were. */
+static size_t white_count(const struct umbt_picture *picture, uint32_t width, uint32_t height)
+{
+    size_t white = 0;
+    for (uint32_t y = 0; y < picture->height; y++) {
+        for (uint32_t x = 0; x < picture->width; x++) {
+            const uint8_t *pixel = &picture->pixels[3 * ((size_t)y * picture->width + x)];
+            const int inside = x >= 3 && y >= 4 && x < 3 + width && y < 4 + height;
+            assert_true(pixel[0] == (inside ? 25 : 100) || (inside && pixel[0] == 255));
+            white += pixel[0] == 255;
+        }
+    }
+    return white;
+}
+
+static void labels_are_text_on_a_strip(void **state)
+{
+    (void)state;
+    struct umbt_picture picture;
+    size_t white[3];
+    static const char *const texts[] = {"-", "I", "W|"};
+    for (int i = 0; i < 3; i++) {
+        const uint32_t width = umbt_label_width(texts[i], 2), height = 2 * UMBT_LABEL_HEIGHT;
+        assert_int_equal(umbt_picture_init(&picture, 40, 40, NULL), UMB_OK);
+        memset(picture.pixels, 100, (size_t)3 * 40 * 40);
+        umbt_label_draw(&picture, 3, 4, 2, texts[i]);
+        white[i] = white_count(&picture, width, height);
+        umbt_label_draw(&picture, 30, 35, 8, texts[i]); /* cut off at the border */
+        umbt_label_draw(&picture, 400, 400, 8, texts[i]);
+        umbt_label_draw(&picture, 0, 0, 1, "");
+        umbt_picture_finish(&picture);
+    }
+    assert_int_equal(white[0], 4 * 3); /* three font pixels */
+    assert_int_equal(white[1], 4 * 11);
+    assert_true(white[2] > white[1]);
+    assert_int_equal(umbt_label_width("abc", 1), 3 * 6 - 1 + 4);
+}
+
+static void lamps_fall_off_with_the_square_of_the_distance(void **state)
+{
+    (void)state;
+    const struct umb_light_info lamp = {
+        .kind = UMB_LIGHT_SPOT, .direction = {0, 0, -1}, .position = {0, 0, 10}};
+    struct umbt_picture_light light = {.lamp = &lamp, .reference_m = 5.0};
+    static const double up[3] = {0, 0, 1}, below[3] = {0, 0, 0}, beside[3] = {10, 0, 0};
+    double share;
+    near_check("cosine below", umbt_picture_light_at(&light, below, up, &share), 1.0, 1e-12);
+    near_check("share at twice the reference", share, 0.25, 1e-5);
+    near_check("cosine beside", umbt_picture_light_at(&light, beside, up, &share), sqrt(0.5), 1e-9);
+    near_check("share beside", share, 0.125, 1e-5);
+    light.cone[0] = cos(0.2); /* beside is at 45 degrees: outside */
+    light.cone[1] = cos(0.7);
+    (void)umbt_picture_light_at(&light, beside, up, &share);
+    near_check("share outside of the cone", share, 0.0, 0.0);
+    (void)umbt_picture_light_at(&light, below, up, &share);
+    near_check("share inside of the cone", share, 0.25, 1e-5);
 }
 
 /* A frustum of half-metre voxels that looks straight down. */
@@ -78,6 +153,31 @@ static void bias_follows_the_documented_formula(void **state)
     near_check("metres", umbt_truth_bias(&settings, &frustum, slanted), 3.0, 0.0);
     settings.bias_mode = UMB_BIAS_NONE;
     near_check("none", umbt_truth_bias(&settings, &frustum, slanted), 0.0, 0.0);
+}
+
+/* Under a sun overhead: along the light, by at most 1.5 texels with one tap; the rest along the
+ * normal, as all of it before a lamp. */
+static void lifts_follow_the_documented_formula(void **state)
+{
+    (void)state;
+    static const double origin[3] = {0.0, 0.0, 0.0};
+    const double gentle[3] = {0.6, 0.0, 0.8}, steep[3] = {0.96, 0.0, 0.28};
+    const struct umb_light_info lamp = {.kind = UMB_LIGHT_POINT};
+    struct umbt_truth truth = {.settings = {.taps = 1}, .to_light = {0.0, 0.0, 1.0}};
+    struct umb_frustum_info frustum;
+    double moved[3];
+    frustum_make(&frustum);
+    umbt_truth_move(&truth, &frustum, origin, gentle, moved);
+    near_check("gentle, across", moved[0], 0.0, 1e-15);
+    near_check("gentle, lift", moved[2], 0.35 / 0.8, 1e-15);
+    umbt_truth_move(&truth, &frustum, origin, steep, moved);
+    const double rest = 0.25 * (0.96 + 0.28) - 0.75 * 0.28;
+    near_check("steep, across", moved[0], 0.96 * rest, 1e-15);
+    near_check("steep, lift", moved[2], 0.75 + 0.28 * rest, 1e-15);
+    truth.lamp = &lamp;
+    umbt_truth_move(&truth, &frustum, origin, gentle, moved);
+    near_check("lamp, across", moved[0], 0.6 * 0.35, 1e-15);
+    near_check("lamp, along", moved[2], 0.8 * 0.35, 1e-15);
 }
 
 /* A floor at z = 0 and, 2 m above it, a roof over x < 0. */
@@ -182,7 +282,11 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tone_curve_rises_and_stays_in_range),
+        cmocka_unit_test(dithered_values_keep_their_mean),
+        cmocka_unit_test(labels_are_text_on_a_strip),
+        cmocka_unit_test(lamps_fall_off_with_the_square_of_the_distance),
         cmocka_unit_test(bias_follows_the_documented_formula),
+        cmocka_unit_test(lifts_follow_the_documented_formula),
         cmocka_unit_test(window_counts_the_texels_beyond_the_edge),
         cmocka_unit_test(plans_are_read_line_by_line),
         cmocka_unit_test(window_knows_when_it_reaches_into_a_closed_solid),

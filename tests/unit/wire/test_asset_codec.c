@@ -77,6 +77,7 @@ static void description_round_trip_keeps_every_field(void **state)
         assert_memory_equal(out->lights[i].info.position, light.info.position, 24);
         assert_memory_equal(out->lights[i].voxel_m, light.voxel_m, 24);
         assert_true(out->lights[i].info.extent == light.info.extent);
+        assert_memory_equal(out->lights[i].info.side, light.info.side, sizeof light.info.side);
         assert_true(out->lights[i].resolution == light.resolution);
         assert_int_equal(out->lights[i].closed, light.closed);
         const struct umb_client_light *curve = &out->lights[i];
@@ -140,8 +141,8 @@ static void broken_descriptions_are_named_and_leave_nothing(void **state)
     other.scene_hash.len = 32;
     other.lights = lights;
     other.n_lights = 1;
-    light.kind = (Umbrage__V1__LightKind)3;
-    expect_bad_description(&other, UMB_E_ARGUMENT, "lights.kind: 3");
+    light.kind = (Umbrage__V1__LightKind)5;
+    expect_bad_description(&other, UMB_E_ARGUMENT, "lights.kind: 5");
     light.kind = (Umbrage__V1__LightKind)0;
     light.name = long_name;
     expect_bad_description(&other, UMB_E_ARGUMENT, "lights.name: 69 bytes");

@@ -71,11 +71,12 @@ static inline void sample_light(unsigned number, struct umb_client_light *light)
 {
     memset(light, 0, sizeof *light);
     (void)snprintf(light->info.name, sizeof light->info.name, "sun %u", number);
-    light->info.kind = (enum umb_light_kind)(number % 3);
+    light->info.kind = (enum umb_light_kind)(number % UMB_LIGHT_KINDS);
     for (int i = 0; i < 3; i++) {
         light->info.direction[i] = 0.5 * i - (double)number;
         light->info.position[i] = 1e6 + i;
         light->voxel_m[i] = 0.01 * (i + 1);
+        light->info.side[i] = light->info.kind == UMB_LIGHT_RECTANGLE ? 0.25 * i : 0;
     }
     light->info.extent = 0.0093;
     light->resolution = 1ULL << (6 + number);

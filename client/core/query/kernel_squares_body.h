@@ -1,0 +1,342 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The body of the kernels of footprints (receivers.h). Included by kernel_squares_base.c,
+ * kernel_squares_avx2.c and kernel_squares_avx512.c, which name the functions (UMB__RECEIVERS_FN,
+ * UMB__SQUARES_FN) and the steps that they have hand-written; else the steps are those in C. There
+ * is no include guard: each file includes this one once.
+ *
+ * The samples of a point are scattered over a few hundred texels: each has its own brick, but most
+ * share the nodes above. So samples descend in groups. A group is a node and the samples of one
+ * point in it, a bit each. A step tells for all 64 samples of a point at once whether their
+ * children are lit, shadowed or mixed, and makes a group for each mixed child. Most groups end
+ * above the bricks.
+ *
+ * Up to sixteen points go together, stage by stage as in kernel_body.h: each stage prefetches what
+ * the next one reads.
+ */
+#include "query/kernel_receivers.h"
+#include "query/kernel_square_steps.h"
+
+#ifndef UMB__PLACE_SAMPLES
+#define UMB__PLACE_SAMPLES umb__place_samples
+#define UMB__CHILD_BYTES   umb__child_bytes_make
+#define UMB__CHILDREN_IN   umb__children_in
+#define UMB__SAMPLES_IN    umb__samples_in
+#endif
+#ifndef UMB__LIT_IN_BRICK
+#define UMB__SLICE_PLACES umb__slice_places_make
+#define UMB__LIT_IN_BRICK umb__lit_in_brick
+#endif
+
+#define TOGETHER 16U /* Points that descend together */
+#define GROUPS   (TOGETHER * UMB__SAMPLES)
+
+/* Groups of samples. At most one group for each sample, and one to spare. */
+struct sample_groups {
+    uint32_t count;
+    uint32_t points; /* Bit p: a group is of point p */
+    uint8_t point[GROUPS + 1];
+    uint32_t number[GROUPS + 1]; /* Number of the node or brick; of a first cube its sample */
+    uint64_t samples[GROUPS + 1];
+};
+
+/* Points on their way through the stages. */
+struct square_block {
+    const struct umb__query *query;
+    uint32_t count;
+    uint32_t level;          /* Level of the cubes in which the descent begins ... */
+    bool pieces;             /* ... which are pieces of columns; false: cells of the grid */
+    uint8_t lane[TOGETHER];  /* Receivers of the points */
+    uint64_t todo[TOGETHER]; /* By point: samples that need a look-up */
+    uint64_t lit[TOGETHER];  /* By point: lit samples so far */
+    struct umb__samples samples[TOGETHER];
+    union {
+        struct umb__child_bytes bytes[TOGETHER];
+        struct umb__slice_places places[TOGETHER];
+    };
+    struct sample_groups groups[2];
+    /* Groups whose samples are not all in new groups yet */
+    uint8_t open_point[GROUPS];
+    const uint64_t *open_node[GROUPS];
+    uint64_t open[GROUPS];             /* Samples that are left */
+    const uint32_t *child[GROUPS + 1]; /* By new group: the place of its number */
+};
+
+/* Prefetches a node or brick of `level`. */
+UMB__INLINE void ask_for(const struct umb__query *q, uint32_t level, uint32_t number)
+{
+    UMB__PREFETCH(level > UMB_LEVEL_BRICK ? q->nodes + number : q->bricks[number]);
+}
+
+static inline uint32_t last_bit(uint64_t bits)
+{
+    return 63 - (uint32_t)__builtin_clzll(bits);
+}
+
+/* Chooses where descents begin: at the pieces of columns, or at cells of the grid where pieces are
+ * as wide, or so narrow that a square has many. */
+static void choose_start(struct square_block *block)
+{
+    const struct umb__query *q = block->query;
+    const uint32_t cell = q->log2_size - q->grid_log2, column = q->column_level;
+    block->pieces = column > UMB__SHARE_LEVEL && column < cell;
+    block->level = block->pieces ? column : cell;
+}
+
+/* Finds the place of the value of the first cube around a sample. */
+static const uint32_t *find_cube(const struct square_block *block,
+                                 const struct umb__samples *samples, uint32_t k)
+{
+    const struct umb__query *q = block->query;
+    const int32_t x = samples->x[k], y = samples->y[k], z = samples->z[k];
+    const uint32_t level = block->level, row = q->log2_size - level;
+    if (!block->pieces) {
+        return q->grid + umb__grid_index(x, y, z, level, q->grid_log2);
+    }
+    uint64_t column;
+    memcpy(&column, q->columns + ((uint32_t)x >> level) + ((uint32_t)y >> level << row),
+           sizeof column);
+    return q->pieces + umb__piece_of(column, (uint32_t)z >> level);
+}
+
+/* Makes groups of the samples of a point whose squares are wide: sample by sample. */
+static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_groups *to,
+                          uint32_t count)
+{
+    const struct umb__samples *samples = &block->samples[p];
+    uint64_t rest = block->todo[p];
+    while (rest) {
+        const uint32_t i = umb__first_bit(rest);
+        uint64_t same = 0;
+        for (uint64_t others = rest; others; others &= others - 1) {
+            const uint32_t k = umb__first_bit(others);
+            const uint32_t differ = (uint32_t)(samples->x[i] ^ samples->x[k]) |
+                                    (uint32_t)(samples->y[i] ^ samples->y[k]) |
+                                    (uint32_t)(samples->z[i] ^ samples->z[k]);
+            same |= (uint64_t)(differ >> block->level == 0) << k;
+        }
+        to->point[count] = (uint8_t)p;
+        to->samples[count] = same;
+        to->number[count++] = i;
+        rest &= ~same;
+    }
+    return count;
+}
+
+/* Makes groups of the samples of the open points by the first cubes, in rounds as group_by_child.
+ * The cubes of a point are told apart by the lowest two bits of their places: enough for four
+ * cubes. */
+static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
+                             uint32_t count)
+{
+    for (uint32_t k = 0; k < open; k++) {
+        const uint32_t p = block->open_point[k];
+        UMB__CHILD_BYTES(&block->samples[p], block->level, &block->bytes[p]);
+    }
+    for (uint32_t left; open > 0; open = left) {
+        left = 0;
+        for (uint32_t k = 0; k < open; k++) {
+            const uint32_t p = block->open_point[k];
+            const struct umb__child_bytes *bytes = &block->bytes[p];
+            uint64_t rest = block->open[k];
+            const uint32_t first = umb__first_bit(rest), last = last_bit(rest);
+            const uint8_t one = bytes->of[first], other = bytes->of[last];
+            const uint64_t in_one = UMB__SAMPLES_IN(bytes, rest, one);
+            const uint64_t in_other = UMB__SAMPLES_IN(bytes, rest, other);
+            to->point[count] = to->point[count + 1] = (uint8_t)p;
+            to->samples[count] = in_one;
+            to->samples[count + 1] = in_other;
+            to->number[count] = first;
+            to->number[count + 1] = last;
+            count += 1 + (uint32_t)(one != other);
+            rest &= ~(in_one | in_other);
+            block->open_point[left] = (uint8_t)p;
+            block->open[left] = rest;
+            left += rest != 0;
+        }
+    }
+    return count;
+}
+
+/* Settles the samples in uniform first cubes, and makes groups of the others. */
+static void group_by_cube(const struct umb__receivers *receivers, struct square_block *block,
+                          struct sample_groups *to, struct umb_query_stats *stats)
+{
+    uint32_t count = 0, left = 0, open = 0;
+    for (uint32_t p = 0; p < block->count; p++) {
+        const bool compact = receivers->compact[block->lane[p]] != 0;
+        block->open_point[open] = (uint8_t)p;
+        block->open[open] = block->todo[p];
+        open += compact && block->todo[p] != 0;
+        count = compact ? count : list_wide(block, p, to, count);
+    }
+    count = list_compact(block, open, to, count);
+    stats->nodes += count;
+    for (uint32_t k = 0; k < count; k++) {
+        block->child[k] = find_cube(block, &block->samples[to->point[k]], to->number[k]);
+        UMB__PREFETCH(block->child[k]);
+    }
+    to->points = 0;
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t value = *block->child[k], p = to->point[k];
+        const uint64_t mixed = value >= UMB__CELL_FIRST, samples = to->samples[k];
+        const uint32_t number = (uint32_t)umb__select(mixed, value - UMB__CELL_FIRST, 0);
+        block->lit[p] |= samples & (0 - (uint64_t)(value == UMB__CELL_LIT));
+        to->point[left] = (uint8_t)p;
+        to->samples[left] = samples;
+        to->number[left] = number;
+        to->points |= (uint32_t)mixed << p;
+        ask_for(block->query, block->level, number);
+        left += (uint32_t)mixed;
+    }
+    to->count = left;
+}
+
+/* Settles the samples of groups in uniform children of `level`. Returns the number of groups with
+ * others, which are open. */
+static uint32_t settle_children(struct square_block *block, uint32_t level,
+                                const struct sample_groups *from)
+{
+    const struct umb__query *q = block->query;
+    uint32_t count = 0;
+    for (uint32_t rest = from->points; rest; rest &= rest - 1) {
+        const uint32_t p = umb__first_bit(rest);
+        UMB__CHILD_BYTES(&block->samples[p], level, &block->bytes[p]);
+    }
+    for (uint32_t k = 0; k < from->count; k++) {
+        const uint32_t p = from->point[k];
+        const uint64_t *node = q->nodes + from->number[k], samples = from->samples[k];
+        const struct umb__child_bytes *bytes = &block->bytes[p];
+        block->lit[p] |= UMB__CHILDREN_IN(bytes, samples, node[1]);
+        const uint64_t mixed = UMB__CHILDREN_IN(bytes, samples, node[0]);
+        block->open_point[count] = (uint8_t)p;
+        block->open_node[count] = node;
+        block->open[count] = mixed;
+        count += mixed != 0;
+    }
+    return count;
+}
+
+/* Adds a group of one child of a node. */
+UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to, uint32_t at,
+                           uint32_t p, uint64_t samples, const uint64_t *node, uint32_t child)
+{
+    const uint64_t below = ((uint64_t)1 << child) - 1;
+    to->point[at] = (uint8_t)p;
+    to->samples[at] = samples;
+    block->child[at] = (const uint32_t *)(const void *)node + 4 + umb__count_bits(node[0] & below);
+    UMB__PREFETCH(block->child[at]);
+}
+
+/*
+ * Makes the groups of `level` of those above. A round takes two groups out of each open one: those
+ * of its outermost samples. Few need a second round. So no branch depends on one group's samples,
+ * and the groups of a round do not wait for each other.
+ */
+static void group_by_child(struct square_block *block, uint32_t level,
+                           const struct sample_groups *from, struct sample_groups *to,
+                           struct umb_query_stats *stats)
+{
+    uint32_t count = 0;
+    stats->nodes += from->count;
+    to->points = 0;
+    for (uint32_t open = settle_children(block, level, from), left; open > 0; open = left) {
+        left = 0;
+        for (uint32_t k = 0; k < open; k++) {
+            const uint32_t p = block->open_point[k];
+            const uint64_t *node = block->open_node[k];
+            const struct umb__child_bytes *bytes = &block->bytes[p];
+            uint64_t rest = block->open[k];
+            const uint8_t one = bytes->of[umb__first_bit(rest)];
+            const uint8_t other = bytes->of[last_bit(rest)];
+            const uint64_t in_one = UMB__SAMPLES_IN(bytes, rest, one);
+            const uint64_t in_other = UMB__SAMPLES_IN(bytes, rest, other);
+            add_group(block, to, count, p, in_one, node, one);
+            add_group(block, to, count + 1, p, in_other, node, other);
+            to->points |= 1U << p;
+            count += 1 + (uint32_t)(one != other);
+            rest &= ~(in_one | in_other);
+            block->open_point[left] = (uint8_t)p;
+            block->open_node[left] = node;
+            block->open[left] = rest;
+            left += rest != 0;
+        }
+    }
+    for (uint32_t k = 0; k < count; k++) {
+        to->number[k] = *block->child[k];
+        ask_for(block->query, level, to->number[k]);
+    }
+    to->count = count;
+}
+
+/* Answers the samples of groups in bricks. */
+static void read_bricks(struct square_block *block, const struct sample_groups *from)
+{
+    for (uint32_t rest = from->points; rest; rest &= rest - 1) {
+        const uint32_t p = umb__first_bit(rest);
+        UMB__SLICE_PLACES(&block->samples[p], &block->places[p]);
+    }
+    for (uint32_t k = 0; k < from->count; k++) {
+        const uint32_t p = from->point[k];
+        block->lit[p] |= UMB__LIT_IN_BRICK(&block->samples[p], &block->places[p], from->samples[k],
+                                           block->query->bricks[from->number[k]]);
+    }
+}
+
+static void descend_together(const struct umb__receivers *receivers, struct square_block *block,
+                             struct umb_query_stats *stats)
+{
+    struct sample_groups *from = &block->groups[0], *to = &block->groups[1];
+    group_by_cube(receivers, block, from, stats);
+    for (uint32_t level = block->level; level > UMB_LEVEL_BRICK;) {
+        struct sample_groups *made = to;
+        level -= 2;
+        group_by_child(block, level, from, to, stats);
+        to = from;
+        from = made;
+    }
+    stats->bricks += from->count;
+    read_bricks(block, from);
+}
+
+void UMB__SQUARES_FN(const struct umb__query *query, struct umb__receivers *receivers,
+                     struct umb_query_stats *stats)
+{
+    struct square_block block;
+    block.query = query;
+    choose_start(&block);
+    umb__receivers_place(query, (double)(1U << block.level), receivers);
+    for (uint32_t i = 0; i < receivers->count;) {
+        block.count = 0;
+        for (; i < receivers->count && block.count < TOGETHER; i++) {
+            const uint32_t p = block.count;
+            const uint64_t wanted = receivers->both[i] ? UINT64_MAX : UINT64_MAX << 32;
+            if (receivers->window[i]) {
+                continue;
+            }
+            const uint64_t inside =
+                UMB__PLACE_SAMPLES(receivers, i, query->log2_size, &block.samples[p]);
+            block.lane[p] = (uint8_t)i;
+            block.lit[p] = wanted & ~inside;
+            block.todo[p] = wanted & inside;
+            block.count++;
+        }
+        descend_together(receivers, &block, stats);
+        for (uint32_t p = 0; p < block.count; p++) {
+            const double below = umb__count_bits(block.lit[p] & UINT32_MAX);
+            const double above = umb__count_bits(block.lit[p] >> 32);
+            receivers->mean[0][block.lane[p]] = below / UMB__SQUARE_SAMPLES;
+            receivers->mean[1][block.lane[p]] = above / UMB__SQUARE_SAMPLES;
+        }
+    }
+}
+
+void UMB__RECEIVERS_FN(const struct umb__query *query, const struct umb_points *points,
+                       size_t first, uint32_t count, struct umb__receivers *receivers)
+{
+    umb__receivers_read(query, points, first, count, receivers);
+    umb__receivers_light(query, receivers);
+    umb__receivers_normal(receivers);
+    umb__receivers_side(query, points, first, receivers);
+    umb__receivers_level(query, receivers);
+}

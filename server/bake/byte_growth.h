@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef UMBRAGE_SERVER_BAKE_BYTE_GROWTH_H
+#define UMBRAGE_SERVER_BAKE_BYTE_GROWTH_H
+/*
+ * Bytes of nodes and of packed files at a resolution, from bakes at lower ones.
+ *
+ * The bytes of the nodes of each level, each node once, are continued from one doubling to the
+ * next: a level's growth follows its own trend and that of the level below. So is the ratio of the
+ * two rules, which changes more steadily than either. These two use no function of libm, because
+ * ids depend on them.
+ *
+ * Packed bytes add the bytes of the file for each byte of nodes, and how much copies of nodes would
+ * add, which decides whether the file has copies (format/content.h).
+ */
+#include "bake/small_bake.h"
+
+/* Bakes of one rule at resolutions that double. */
+struct umbb_growth_samples {
+    const struct umbb_costs *costs; /* [count] in ascending order of the resolution */
+    uint32_t count;                 /* 2 or 3 */
+};
+
+/* Bytes of each rule: of nodes before compression, or of a file. */
+struct umbb_rule_bytes {
+    double open, closed;
+};
+
+/* Forecasts the bytes of nodes `doublings` above the last samples. Equal on every machine. */
+struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
+                                         const struct umbb_growth_samples *closed,
+                                         uint32_t doublings);
+
+/* Forecasts the packed bytes of one rule. In: samples with packed bytes. */
+double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings);
+
+/* Forecasts the packed bytes of both rules. In: samples with packed bytes. */
+struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
+                                          const struct umbb_growth_samples *closed,
+                                          uint32_t doublings);
+
+/* Sum of the estimated bytes of all levels, at least 1. */
+double umbb_level_bytes_sum(const struct umbb_costs *costs);
+
+#endif
