@@ -161,10 +161,16 @@ next(watch)
 ''')
 
 runs("interrupts at any moment leave an asset that closes", '''
-signal.signal(signal.SIGINT, signal.default_int_handler)
-asset, stop, pid = umbrage.open(ASSET), [], os.getpid()
+asset, stop, armed, pid = umbrage.open(ASSET), [], [], os.getpid()
 far = umbrage.open(PLACE + "/city")
 large = np.tile(P, (3000, 1))
+
+
+def interrupt(*_):
+    """Raises once for each time that it is armed."""
+    if armed:
+        armed.pop()
+        raise KeyboardInterrupt
 
 
 def strike():
@@ -174,35 +180,24 @@ def strike():
 
 
 def endure(call, times):
-    number = 0
-    while number < times:
+    for _ in range(times):
         try:
+            armed.append(1)
             while True:
                 call()
         except KeyboardInterrupt:
-            number += 1
+            pass
 
 
-def all_of_it():
-    endure(lambda: asset.query(P), 500)
-    endure(lambda: asset.query(large, threads=3), 100)
-    endure(lambda: far.query(P), 300)
-    endure(lambda: far.columns(P), 300)
-    stop.append(1)
-
-
+signal.signal(signal.SIGINT, interrupt)
 thread = threading.Thread(target=strike)
 thread.start()
-while not stop:
-    try:
-        all_of_it()
-    except KeyboardInterrupt:
-        pass
-try:
-    thread.join()
-    time.sleep(0.1)
-except KeyboardInterrupt:
-    thread.join()
+endure(lambda: asset.query(P), 500)
+endure(lambda: asset.query(large, threads=3), 100)
+endure(lambda: far.query(P), 300)
+endure(lambda: far.columns(P), 300)
+stop.append(1)
+thread.join()
 assert asset.query(large, threads=3).shape == (len(large),)
 far.query(P)
 far.close()
