@@ -80,14 +80,10 @@ for kind, values in RECORDS.items():
         assert printed("city", kind, values) == printed(baked["asset"], kind, values)
         assert printed("city", kind, [], "--json") == printed(city, kind, [], "--json")
 
-with test.check("before a lamp likewise; boxes are refused"):
-    for kind in ("segments", "columns"):
+with test.check("before a lamp likewise"):
+    for kind in ("segments", "columns", "boxes"):
         here = printed(store + "/lamp.umb", kind, RECORDS[kind], "--json")
         assert here == printed("lamp", kind, RECORDS[kind], "--json") and b"inf" not in here
-    refused(Code.UNIMPLEMENTED, "light: 0 is not directional", "Boxes", M.BoxesRequest(asset="lamp", boxes=bytes(24)))
-    done = ut.run("umbrage", "query", store + "/lamp.umb", "--boxes", test.path("records"), "--format", "f64",
-                  code=None)
-    assert done.returncode != 0 and b"not directional" in done.stderr, done
 
 with test.check("segments of more stretches than the command keeps are told whole"):
     told = json.loads(printed("city", "segments", [low[0], low[1] + 1, low[2], high[0], low[1] + 1, high[2]],

@@ -5,7 +5,7 @@
  * Accuracy and its cost: the bound of an answer's error, the accuracy curve that an asset carries,
  * and the dial that turns a required accuracy or a budget into settings.
  *
- *     const struct umb_dial dial = {.max_error_m = 1};
+ *     const struct umb_dial dial = {.max_error_m = 2};
  *     struct umb_curve_row row;
  *     if (umb_dial_choose(asset, &dial, NULL, &settings, &row, &error) ||  // level and taps
  *         umb_query_prepare(asset, &settings, &query, &error)) {
