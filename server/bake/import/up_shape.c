@@ -51,7 +51,8 @@ static void measure_bounds(const struct umbs_scene_builder *scene, struct shape 
 /* Adds a face across an axis to its layer. */
 static void add_flat(struct shape *shape, int axis, double at, double area)
 {
-    const double share = (at - shape->low[axis]) / shape->extent[axis];
+    const double extent = shape->extent[axis];
+    const double share = extent > 0.0 ? (at - shape->low[axis]) / extent : 1.0;
     const double layer = share * LAYERS;
     shape->flat[axis] += area;
     shape->layers[axis][layer < LAYERS - 1U ? (size_t)layer : LAYERS - 1U] += area; /* NaN: last */
