@@ -96,7 +96,8 @@ static inline double umb__wide_lift_init(const struct umb__query *q,
         length[axis] = umb__length(step);
     }
     const double longest = half * ((double)q->taps * (sums[0] + sums[1]) + sums[2]);
-    const double uneven = (length[0] + length[1]) / 2 / fmin(length[0], length[1]);
+    const double least = fmin(length[0], length[1]);
+    const double uneven = least > 0 ? (length[0] + length[1]) / 2 / least : INFINITY;
     placer->follows = q->taps > 1;
     placer->rest_doubt = 64 * 0x1p-53 * 2 * (longest + most * sums[2]); /* N is 2 at most */
     return 150 * 0x1p-53 * uneven * most <= 0.5 * 0x1p-32 ? longest : INFINITY;
