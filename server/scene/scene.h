@@ -95,8 +95,8 @@ struct umbs_light {
 struct umbs_light_extent {
     uint32_t is_given; /* 1: the file gives the light's extent; 0: the rest is 0 */
     uint32_t reserved;
-    double extent;  /* as struct umb_light_info: radians (directional) or metres */
-    double side[3]; /* as struct umb_light_info */
+    double extent;  /* Extent as in struct umb_light_info: radians (directional) or metres */
+    double side[3]; /* Side as in struct umb_light_info */
 };
 
 enum umbs_wrap {

@@ -22,7 +22,7 @@
 struct umbt_ground {
     int wanted;      /* 0: there is none */
     int axis;        /* the up axis: 1 or 2 */
-    double height;   /* its coordinate along the axis, metres */
+    double height;   /* Coordinate of the ground along the axis, metres */
     double extent_m; /* greatest distance of its points from the eye */
 };
 

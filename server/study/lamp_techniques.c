@@ -271,23 +271,15 @@ static double points_ask(const struct umbt_lamp_view *lamp, const struct umbt_la
 static void compare(const struct umbt_lamp_view *lamp, const float *truth, const float *values,
                     struct umbt_technique_result *result)
 {
-    size_t facing = 0, over = 0;
+    struct umbt_score score = {0};
     for (size_t i = 0; i < lamp->view->buffer.receiver_count; i++) {
         double direction[3], distance;
         if (!towards_lamp(lamp, i, direction, &distance)) {
             continue;
         }
-        const double difference = (double)values[i] - (double)truth[i];
-        result->lighter += fmax(difference, 0.0);
-        result->darker += fmax(-difference, 0.0);
-        over += fabs(difference) > 0.5;
-        facing++;
+        umbt_score_add(&score, (double)values[i] - (double)truth[i]);
     }
-    const double count = facing > 0 ? (double)facing : 1.0;
-    result->lighter /= count;
-    result->darker /= count;
-    result->mean = result->lighter + result->darker;
-    result->over_half = (double)over / count;
+    umbt_score_finish(&score, result);
 }
 
 static enum umb_status maps_make(const struct umbt_lamp_view *lamp, const struct umbt_lamp_row *row,

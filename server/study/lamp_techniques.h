@@ -31,7 +31,7 @@ struct umbt_lamp_faces {
 
 struct umbt_lamp_view {
     struct umbt_technique_view *view; /* setup, size, resolution, taps, threads and buffer */
-    double position[3], size_m;       /* of the lamp; diameter for penumbrae */
+    double position[3], size_m;       /* Position of the lamp; its diameter for penumbras */
     struct umbt_lamp_faces faces[2];  /* cube, paraboloids */
 };
 

@@ -21,7 +21,7 @@ struct umbt_picture_light {
     const struct umbt_truth *truth;          /* NULL: no traced shadows; at least one of both */
     const struct umb_light_info *lamp;       /* a spot or point light; NULL: parallel light */
     double to_light[3];                      /* unit; of parallel light */
-    double power[3];                         /* of red, green and blue */
+    double power[3];                         /* Power of red, green and blue */
     double reference_m;                      /* distance from a lamp where power holds */
     double cone[2]; /* cosines of a spot's inner and outer angle by the file; equal: no border */
 };

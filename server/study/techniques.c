@@ -189,12 +189,29 @@ void umbt_technique_view_finish(struct umbt_technique_view *view)
     umbt_gbuffer_finish(&view->buffer);
 }
 
-/* Adds the differences of answers from a truth, over points that face the light, to a zeroed
- * result. truth, values: float[receivers]. The truth is copied if the view wants it. */
+void umbt_score_add(struct umbt_score *score, double difference)
+{
+    score->lighter += fmax(difference, 0.0);
+    score->darker += fmax(-difference, 0.0);
+    score->over += fabs(difference) > 0.5;
+    score->count++;
+}
+
+void umbt_score_finish(const struct umbt_score *score, struct umbt_technique_result *result)
+{
+    const double count = score->count > 0 ? (double)score->count : 1.0;
+    result->lighter = score->lighter / count;
+    result->darker = score->darker / count;
+    result->mean = result->lighter + result->darker;
+    result->over_half = (double)score->over / count;
+}
+
+/* Sets a result's errors: the differences of answers from a truth, over points that face the light.
+ * truth, values: float[receivers]. The truth is copied if the view wants it. */
 static void compare(const struct umbt_technique_view *view, const float *truth, const float *values,
                     struct umbt_technique_result *result)
 {
-    size_t facing = 0, over = 0;
+    struct umbt_score score = {0};
     if (view->compared != NULL) {
         memcpy(view->compared, truth, view->buffer.receiver_count * sizeof *truth);
     }
@@ -204,17 +221,9 @@ static void compare(const struct umbt_technique_view *view, const float *truth, 
         if (!(umb__dot(normal, view->setup.to_light) > 0.0)) {
             continue;
         }
-        const double difference = (double)values[i] - (double)truth[i];
-        result->lighter += fmax(difference, 0.0);
-        result->darker += fmax(-difference, 0.0);
-        over += fabs(difference) > 0.5;
-        facing++;
+        umbt_score_add(&score, (double)values[i] - (double)truth[i]);
     }
-    const double count = facing > 0 ? (double)facing : 1.0;
-    result->lighter /= count;
-    result->darker /= count;
-    result->mean = result->lighter + result->darker;
-    result->over_half = (double)over / count;
+    umbt_score_finish(&score, result);
 }
 
 /* ---- time of the answers ---- */

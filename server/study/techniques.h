@@ -80,6 +80,18 @@ struct umbt_technique_result {
     struct umbt_seam seams[UMB_CASCADES_MAX];
 };
 
+/* Sums of differences from a truth. Zeroed before the first. */
+struct umbt_score {
+    double lighter, darker; /* Sums of what an answer has too much and too little */
+    size_t over, count;     /* Number of points off by more than 0.5; of all points */
+};
+
+/* Adds the difference of an answer from the truth. */
+void umbt_score_add(struct umbt_score *score, double difference);
+
+/* Sets the errors of a result: mean, its parts, over_half. */
+void umbt_score_finish(const struct umbt_score *score, struct umbt_technique_result *result);
+
 /* A picture with many drawings of one view, side by side. */
 struct umbt_sheet {
     const char *path; /* NULL: nothing is drawn */
