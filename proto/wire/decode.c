@@ -36,8 +36,9 @@ struct decoder {
     struct umb_error *error;
 };
 
-/* Bytes of a message, in pieces: the current piece, and the part of the parent that may hold
- * further pieces of the sub-message `number`. The parent is a whole message. */
+/* The bytes of a message. A sub-message may come in several pieces within its parent. Then this is
+ * the current piece, with the rest of the parent, where further pieces of field `number` may
+ * follow. The parent is a whole message. */
 struct span {
     const uint8_t *start, *at, *end;
     const uint8_t *parent, *more, *more_end;
@@ -611,9 +612,9 @@ static inline struct span whole(const uint8_t *message, size_t size)
     return (struct span){.start = start, .at = start, .end = start + size};
 }
 
-/* Decodes a message with arrays or texts. In: head: number of bytes in the block before them. out:
- * the struct; NULL: the struct is at the start of the block. Out: block: the caller frees it, on
- * failure too. */
+/* Decodes a message with arrays or texts. In: head: number of bytes at the start of the block,
+ * before the arrays and texts. out: the struct; NULL: the struct is at the start of the block. Out:
+ * block: the caller frees it, on failure too. */
 static enum umb_status decode_block(const struct umbw_table *table, const struct span *span,
                                     void *out, size_t head, uint8_t **block,
                                     struct umb_error *error)

@@ -13,8 +13,9 @@
 
 #include "base/vec.h"
 
-/* Share of the last W beyond which float rays never leave out a caster. They leave out casters
- * nearer to a lamp than 2^-16 of a point's distance, which is at most twice W. */
+/* Least ratio of a frustum's near distance to its far one at which float rays may be used; below it
+ * all its rays are in doubles. Float rays leave out casters nearer to a lamp than 2^-16 of a
+ * point's distance, which is at most twice the far distance (W of the last voxels). */
 #define FLOATS_REACH 0x1p-12
 
 enum {

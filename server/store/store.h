@@ -69,7 +69,8 @@ struct umbs_store_options {
      * version is freed at once. */
     void (*retired)(void *user);
     /* Callback when an asset was taken out of use, on the thread that found the damage, and when
-     * the lane has loaded an asset. The owner then rescans. NULL: the next scan handles both. */
+     * the lane (the thread for large files) has loaded an asset. The owner then rescans. NULL: the
+     * next scan handles both. */
     void (*faulted)(void *user);
     void *owner; /* argument of both callbacks */
 };

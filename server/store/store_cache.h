@@ -65,7 +65,8 @@ void umbs__cache_finish(struct umbs_cache *cache);
 UMB_CHECKED enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable,
                                               struct umb_error *error);
 
-/* Copies the record of a packed file; packed: NULL = of an id. Returns 0 if there is no record. */
+/* Copies the record of the packed file with a stamp, or of an id if `packed` is NULL. Returns 0 if
+ * there is no record. */
 int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, const uint8_t *id,
                      struct umbs_record *record);
 

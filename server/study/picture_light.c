@@ -89,8 +89,9 @@ static int powers_take(const struct umbs_scene_view *file, double diagonal_m,
     return known;
 }
 
-/* Returns what BRIGHT_SHARE of the points get more of, from lights `first` to `last` - 1 without
- * shadows; the brightest channel counts. 0 if hardly a point faces them. values: float[receivers].
+/* Returns the light that a share BRIGHT_SHARE of the points exceeds, from lights `first` to `last`
+ * - 1 without shadows. The brightest channel counts. The result is 0 if hardly a point faces the
+ * lights. values: float[receivers].
  */
 static double bright_value(const struct umbt_gbuffer *view, const struct umbt_picture_light *lights,
                            uint32_t first, uint32_t last, double *values)

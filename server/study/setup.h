@@ -31,7 +31,8 @@ struct umbt_command {
     const struct umbu_command *options;
     size_t bytes; /* Size of the state, which is zeroed before the options are read */
     enum umb_status (*run)(void *state, const struct umbu_parsed *parsed, struct umb_error *error);
-    /* Report of success, unless --quiet, and members of its JSON object; NULL: run prints both. */
+    /* text prints the report of success, unless --quiet is given; json prints the members of the
+     * JSON object. NULL: `run` prints them itself. */
     void (*text)(FILE *to, const void *state);
     void (*json)(struct umbu_json *json, const void *state);
     void (*finish)(void *state); /* After run, also if it failed */

@@ -330,7 +330,8 @@ static void bake_name(struct umbt_study_bake *bake)
     }
 }
 
-/* Adds one resolution by a value of --closed. Out: 0 if there is no room for it. */
+/* Bakes one resolution with a value of --closed, and adds it to the study. Out: fits: 0 if there is
+ * no room for it. */
 static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution,
                                       const char *rule, int *fits, struct umb_error *error)
 {

@@ -27,7 +27,8 @@ static double tent_weight(double x, uint32_t taps)
     return 0.5 * (taps + 1.0) - floor(fabs(x) + 0.5);
 }
 
-/* Rays over the window, each with the weight of the texel that it stands in for. */
+/* Visibility by rays over the window, each with the weight that the tent filter has at its
+ * start. */
 static float tent_visibility(const struct umbt_study_truth *truth, const double point[3],
                              const double normal[3])
 {
@@ -51,7 +52,7 @@ static float tent_visibility(const struct umbt_study_truth *truth, const double 
     return (float)(sum / weights);
 }
 
-/* Rays from the square of the surface around the point, in its tangent plane. */
+/* Visibility by rays that start in a square around the point, in the surface's tangent plane. */
 static float footprint_visibility(const struct umbt_study_truth *truth, const double point[3],
                                   const double normal[3])
 {

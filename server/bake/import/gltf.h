@@ -63,7 +63,8 @@ struct umbb_gltf {
     unsigned morphed; /* number of primitives with morph targets */
 };
 
-/* Reference that is missing, and one that is not a whole number from 0 on: beyond every list. */
+/* Values for a reference that is missing, and for one that is not a whole number of 0 or more.
+ * Neither is an index of any list. */
 #define UMBB_GLTF_NONE INT64_C(-1)
 #define UMBB_GLTF_BAD  (INT64_C(1) << 40)
 
@@ -78,7 +79,7 @@ UMB_CHECKED enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_i
                                            struct umb_error *error);
 void umbb_gltf_close(struct umbb_gltf *gltf);
 
-/* A value, or the member `key` of an object, as a reference. Value NULL: UMBB_GLTF_NONE. */
+/* Returns a value, or the member `key` of an object, as an index. Value NULL: UMBB_GLTF_NONE. */
 int64_t umbb_gltf_to_index(const json_t *value);
 int64_t umbb_gltf_index(const json_t *object, const char *key);
 

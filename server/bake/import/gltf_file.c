@@ -13,7 +13,8 @@
 #define GLB_HEADER_BYTES 12
 #define GLB_CHUNK_BYTES  8 /* header of a chunk */
 
-/* Way out of Jansson's parser. One importer runs in a process, so one is enough. */
+/* Target of the jump out of Jansson's parser when memory is refused. One importer runs in a
+ * process, so one is enough. */
 static jmp_buf refusal;
 
 /* Leaves the parser where memory is refused: its lexer would drop characters, among them the end of

@@ -33,7 +33,7 @@ enum corner_flag {
     CORNER_REFLEX = 1, /* or straight: not strictly convex */
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
-    /* A neighbour was cut off since the corner was queued: the corner goes to the end. */
+    /* A neighbour was cut off since the corner was queued: the corner goes to the queue's end. */
     CORNER_AGAIN = 8,
     CORNER_IN_CELL = 16,
 };

@@ -139,7 +139,8 @@ static int stands_on_zero(const struct shape *shape, int axis)
            share > -0.8 && share < -0.2;
 }
 
-/* A curved body with an opening at its lower end: what its faces sum up to points up. */
+/* A curved body with an opening at its lower end: the sum of its faces' normals, each times its
+ * area, points up. */
 static int is_open_below(const struct shape *shape, int axis)
 {
     const double *sum = shape->signed_area;

@@ -194,8 +194,8 @@ void umbd_call_await(struct umbd_call *call, struct umbd_task *task, size_t byte
 UMB_CHECKED enum umb_status umbd_call_send_task(struct umbd_call *call, struct umbd_task *task,
                                                 size_t bytes, struct umb_error *error);
 
-/* _drop frees the waiting messages of a stream. _later continues with them in the loop's next
- * turn. */
+/* umbd_stream_drop frees the waiting messages of a stream. umbd_stream_later continues with them in
+ * the loop's next turn. */
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_later(struct umbd_call *call);
 
@@ -219,8 +219,9 @@ void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first,
 void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message);
 
 /*
- * One step of a service: a function that fails with a status and an error. _error returns the place
- * for the error, empty. _ok takes the status: it returns 1, or fails the call and returns 0.
+ * One step of a service: a function that fails with a status and an error. umbd_call_error returns
+ * the place for the error, empty. umbd_call_ok takes the status: it returns 1, or fails the call
+ * and returns 0.
  *
  *     if (!umbd_call_ok(call, step(..., umbd_call_error(call)))) { return; }
  */
@@ -253,8 +254,8 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message);
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error);
 
-/* The same as umbd_call_fail_status, for work. After E_BUSY (no room) the daemon also stops reading
- * from the connection until there is room. */
+/* The same as umbd_call_fail_status, for a call whose work the workers refused. After E_BUSY (a
+ * full queue) the daemon also stops reading from the connection until the queue has room. */
 void umbd_call_fail_work(struct umbd_call *call, enum umb_status status,
                          const struct umb_error *error);
 
@@ -272,7 +273,7 @@ void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_erro
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 
 /* Resets a call that needs no rights if its request or its reply is incomplete, because a drain
- * does not wait for such a call. The reset drops the queued answer, so flush before. */
+ * does not wait for such a call. The reset drops a queued answer, so flush the connection first. */
 void umbd_call_cut_open(struct umbd_call *call);
 
 /* --- Rights: token, rates of token and address (call_rights.c) --- */
@@ -332,10 +333,10 @@ void umbd_conn_forget_rights(struct umbd_conn *conn);
  * over. */
 void umbd_call_serve(struct umbd_call *call);
 
-/* _message takes the next message, with the arguments of umbw_message_fn. _pump continues with
- * waiting messages. _window returns how many bytes of a DATA frame flow control may give back at
- * once. _charge counts the memory held now. _last_call ends the stream after the received
- * requests. */
+/* umbd_stream_message takes the next message, with the arguments of umbw_message_fn. _pump
+ * continues with waiting messages. _window returns how many bytes of a DATA frame flow control may
+ * give back at once. _charge counts the memory held now. _last_call ends the stream after the
+ * received requests. */
 UMB_CHECKED enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message,
                                                 size_t size, int owned);
 void umbd_stream_pump(struct umbd_call *call);
