@@ -38,8 +38,7 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
  * Returns the light that leaves a surface, before the shoulder.
  *
  * In: light: light of each colour that reaches the surface; 1 = that of a sun right above it.
- * upward: vertical component
- *     of the normal, -1..1.
+ *     upward: vertical component of the normal, -1..1.
  */
 struct umbt_rgb umbt_shade_light(struct umbt_rgb surface, const double light[3], double upward);
 
