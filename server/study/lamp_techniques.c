@@ -165,7 +165,8 @@ static void box_item(void *user, size_t i)
     facing->faces->box[i] = (float)box_visibility(facing, i);
 }
 
-/* The unit direction and distance to the lamp, and 1 if the receiver faces it. */
+/* Computes the unit direction and the distance to the lamp. Returns 1 if the receiver faces the
+ * lamp. */
 static int towards_lamp(const struct umbt_lamp_view *lamp, size_t i, double direction[3],
                         double *distance)
 {

@@ -183,7 +183,7 @@ static int trace(const struct umbt_study *study, const struct umbt_truth *window
     return sum;
 }
 
-/* Returns 1 if a way of tracing exists for the light: packets of rays are parallel. */
+/* Returns 1 if a way of tracing can be used for the light: packets of rays need parallel light. */
 static int way_exists(const struct umbt_study *study, int way)
 {
     return study->points.lamp == NULL || (way != UMBT_RAYS_VIEW8 && way != UMBT_RAYS_AREA8);

@@ -93,7 +93,8 @@ int umbt_study_truth_is_undefined(const struct umbt_study_truth *truth, const do
     if (truth->method == UMBT_STUDY_FOOTPRINT) {
         window.settings.taps = COARSE_TAPS;
     }
-    /* A lamp's frusta stay as they are, so the check covers the middle of a wide footprint. */
+    /* Enlarges the voxels so that the window is as wide as the footprint. Only parallel light uses
+     * this frustum; under a lamp the check covers just the middle of a wide footprint. */
     for (int k = 0; k < 9 && truth->method == UMBT_STUDY_FOOTPRINT; k++) {
         window.frustum.voxel_step[k / 3][k % 3] *= stretch;
     }

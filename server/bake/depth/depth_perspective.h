@@ -44,8 +44,8 @@ static inline int umbb_rays_meet(const struct umbb_rays *rays)
     return rays->scale > 0.0;
 }
 
-/* umbb_coverage_prepare for a caster of any kind of light. Slivers get the depth that the top of
- * this file describes. */
+/* Does umbb_coverage_prepare for a caster under any kind of light. Slivers get the depth that the
+ * top of this file describes. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
                              struct umbb_coverage *coverage);
 

@@ -46,7 +46,7 @@ struct umbb_gltf_mesh {
 
 /* The file, and the state of reading its scene. The walk over the nodes reads meshes and materials
  * where a node first shows them; what no node shows is not read. Each array has one item for each
- * of the file's. */
+ * object of its kind in the file. */
 struct umbb_gltf {
     struct umbb_import *job; /* borrowed */
     json_t *json;

@@ -32,7 +32,7 @@ static uint32_t wrap_of(const json_t *sampler, const char *key)
                                         : UMBS_WRAP_REPEAT;
 }
 
-/* KHR_texture_transform: scale, then rotate, then move. In: info: a textureInfo. */
+/* Reads KHR_texture_transform, which scales, then rotates, then moves. In: info: a textureInfo. */
 static void read_mapping(const json_t *info, struct umbb_gltf_mapping *mapping)
 {
     const json_t *transform = umbb_gltf_extension(info, "KHR_texture_transform");

@@ -50,8 +50,8 @@ static int multiply(transform parent, transform m, double out[3][4])
     return good;
 }
 
-/* Scale, then rotation, then translation. The rotation is normalised, because files round
- * quaternions, those in bytes by a hundredth. Returns 0 if the rotation is 0. */
+/* Makes a transform that scales, then rotates, then moves. The rotation is normalised, because
+ * files round quaternions, those in bytes by a hundredth. Returns 0 if the rotation is 0. */
 static int compose(const double move[3], const double turn[4], const double size[3],
                    double out[3][4])
 {

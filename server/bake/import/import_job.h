@@ -68,8 +68,8 @@ UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_import *job,
                                                 struct umbb_cursor name, struct umbb_file *file,
                                                 struct umb_error *error);
 
-/* umbb_file_map_named for a name that may be percent-encoded, as URIs of glTF are (RFC 3986): the
- * literal name is tried first, then the decoded one. */
+/* Does umbb_file_map_named for a name that may be percent-encoded, as URIs of glTF are (RFC 3986).
+ * The literal name is tried first, then the decoded one. */
 UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_import *job, struct umbb_cursor uri,
                                               struct umbb_file *file, struct umb_error *error);
 

@@ -117,7 +117,8 @@ enum umbb_up umbb_up_of_comment(struct umbb_cursor comment)
     static const char blanks[] = "  ";
     char text[1026];
     struct word words[WORDS_MAX];
-    /* A copy with blanks before it, so that each word has two bytes before it. */
+    /* Copies the comment behind two blanks: the code that splits words may read two bytes before
+     * each word. */
     const size_t length =
         umbb_length(comment) < sizeof text - 2 ? umbb_length(comment) : sizeof text - 2;
     memcpy(text, blanks, 2);
