@@ -122,8 +122,8 @@ UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
  * the `faulted` callback takes the new version. Without the lane, a rescan loads everything itself.
  * Stop the lane before the store is closed.
  *
- * _stop waits up to its limit for a load to end. It returns 0 if the load did not end; the store
- * then cannot be closed.
+ * umbs_store_lane_stop waits up to its limit for a load to end. It returns 0 if the load did not
+ * end; the store then cannot be closed.
  * Threads: not at the same time as a rescan.
  * Fails: E_LIMIT (no thread).
  */

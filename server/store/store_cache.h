@@ -74,10 +74,10 @@ int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, 
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Call these around making a mapped file. _syncs returns 1 if the file must be synced separately,
- * as the first files of each scan are. _made counts a complete file. Other files are synced
- * together before a list names them. A power cut may tear a mapped file that has no record; such a
- * file is made anew.
+ * Call these around making a mapped file. umbs__cache_syncs returns 1 if the file must be synced
+ * separately, as the first files of each scan are. umbs__cache_made counts a complete file. Other
+ * files are synced together before a list names them. A power cut may tear a mapped file that has
+ * no record; such a file is made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);

@@ -4,7 +4,7 @@
 /*
  * 8-bit sRGB pictures, their PNG files, which appear whole or not at all, and their look: muted
  * surface colours, a warm sun by Lambert's law, a sky dome that tints ambient light cool from above
- * and warm from the ground, a soft shoulder.
+ * and warm from the ground, and a soft compression of highlights.
  *
  * Colours are linear RGB, 0..1 once displayed.
  */
@@ -35,7 +35,7 @@ struct umbt_rgb {
 struct umbt_rgb umbt_surface_color(uint32_t key);
 
 /*
- * Returns the light that leaves a surface, before the shoulder.
+ * Returns the light that leaves a surface, before highlights are compressed (umbt_shoulder).
  *
  * In: light: light of each colour that reaches the surface; 1 = that of a sun right above it.
  *     upward: vertical component of the normal, -1..1.

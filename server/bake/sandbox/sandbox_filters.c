@@ -223,7 +223,8 @@ static const uint16_t threads[] = {
     SYS_getppid, SYS_exit,        SYS_exit_group,
 };
 
-/* Signals, clocks, facts about the machine, and the end of the importer. */
+/* Allowed calls of a bake about signals, clocks, facts of the machine, and the end of the
+ * importer. */
 static const uint16_t facts[] = {
     SYS_rt_sigaction,    SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_sigaltstack,
     SYS_restart_syscall, SYS_clock_gettime,  SYS_clock_getres, SYS_clock_nanosleep,

@@ -294,7 +294,7 @@ const struct umbd_token *umbd_call_token(struct umbd_call *call);
  * for every caller but its owners and admins. The message is that of a missing asset, even if the
  * file is damaged: the owner of a scene must not learn whether another owner had it baked. An asset
  * that is also in the store under a name is visible to all; a bake of the same scene cannot hide
- * it. _sees returns 1 if a call may see an asset.
+ * it. umbd_call_sees returns 1 if a call may see an asset.
  */
 UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
                                               struct umbs_entry **out, struct umb_error *error);
@@ -317,9 +317,9 @@ void umbd_call_owe_points(struct umbd_call *call, uint64_t points);
  * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
  * is separate from --address-rate, so a client over --address-rate does not fail a balancer's
  * health check. In addition each connection may make UMBD_OPEN_CALLS_OF_ONE calls a second. Unix
- * sockets have no rate. Beyond the rate, _open fails the call with a retry delay, and the daemon
- * stops reading from a connection without rights for a moment. _refused charges a call that fails
- * anyway.
+ * sockets have no rate. Beyond the rate, umbd_call_take_open fails the call with a retry delay, and
+ * the daemon stops reading from a connection without rights for a moment. umbd_call_refused charges
+ * a call that fails anyway.
  */
 int umbd_call_take_open(struct umbd_call *call);
 void umbd_call_refused(struct umbd_call *call);
