@@ -201,8 +201,9 @@ static uint32_t wire_type(const ProtobufCFieldDescriptor *field)
     }
 }
 
-/* Index of a field in the descriptor's order; n_fields: the message does not have it. The numbers
- * are stored as ranges, of which a message has few; the range behind the last marks the end. */
+/* Returns the index of a field in the descriptor's order; n_fields if the message does not have it.
+ * The numbers are stored as ranges, of which a message has few; the range behind the last marks the
+ * end. */
 static inline unsigned index_of(const ProtobufCMessageDescriptor *message, uint32_t number)
 {
     const ProtobufCIntRange *range = message->field_ranges;

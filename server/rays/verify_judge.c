@@ -164,9 +164,9 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double local[
 }
 
 /*
- * The test of is_inside, by a vote of six rays: three directions unusual in models, and their
- * opposites. A ray that grazes an edge may err. A surface on one side only cannot give five votes
- * to a point outside of a solid.
+ * Returns 1 if a point lies inside a closed solid, by a vote of six rays: three directions unusual
+ * in models, and their opposites. A ray that grazes an edge may err. A surface on one side only
+ * cannot give five votes to a point outside of a solid.
  */
 static int is_inside_by_vote(const struct umbr_verify_block *block, const double local[3])
 {

@@ -306,8 +306,8 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
     (void)umbr_verify_count(block, verdict, corner);
 }
 
-/* Edge in metres of a box around `middle` that reaches over one voxel at most. A lamp's voxels are
- * seen at an angle, up to 55 degrees, and grow within the box. */
+/* Returns the edge in metres of a box around `middle` that reaches over one voxel at most. A lamp's
+ * voxels are seen at an angle, up to 55 degrees, and grow within the box. */
 static double least_edge(const struct umbr_verify_block *block, const double middle[3],
                          const double world[3])
 {

@@ -210,9 +210,9 @@ UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*rea
                                             void *user, struct umb_error *error);
 
 /*
- * The two steps of umbs_entry_read, for many small reads. Use the results of optimistic reads only
- * after a revalidation that followed all of them succeeded. Each step fails as umbs_entry_read
- * does.
+ * umbs_entry_read in two steps, an optimistic read and a revalidation, for many small reads. Use
+ * the results of optimistic reads only after a revalidation that followed all of them succeeded.
+ * Each step fails as umbs_entry_read does.
  * Cost:  read 10 ns, revalidate 0.2 us.
  */
 UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,

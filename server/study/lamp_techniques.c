@@ -125,7 +125,8 @@ static struct umb_map_filter filter_of(const struct umbt_lamp_view *lamp,
     return filter;
 }
 
-/* Share of free rays to the lamp from a square of texels at the moved receiver's depth. */
+/* Returns the share of free rays to the lamp, from a square of texels at the moved receiver's
+ * depth. */
 static double box_visibility(const struct facing *facing, size_t i)
 {
     const struct umbt_lamp_view *lamp = facing->lamp;

@@ -20,8 +20,8 @@ struct umbt_picture_light umbt_picture_sun(const struct umbt_setup *setup)
     return light;
 }
 
-/* Share of a spot's light in a direction (KHR_lights_punctual: the square of a line between both
- * cosines). */
+/* Returns the share of a spot's light in a direction (KHR_lights_punctual: the square of a share
+ * that is linear between both cosines). */
 static double cone_share(const struct umbt_picture_light *light, const double towards[3])
 {
     if (!(light->cone[0] > light->cone[1])) {

@@ -27,8 +27,8 @@ static double tent_weight(double x, uint32_t taps)
     return 0.5 * (taps + 1.0) - floor(fabs(x) + 0.5);
 }
 
-/* Visibility by rays over the window, each with the weight that the tent filter has at its
- * start. */
+/* Returns the visibility by rays over the window, each with the weight that the tent filter has at
+ * the ray's start. */
 static float tent_visibility(const struct umbt_study_truth *truth, const double point[3],
                              const double normal[3])
 {
@@ -52,7 +52,8 @@ static float tent_visibility(const struct umbt_study_truth *truth, const double 
     return (float)(sum / weights);
 }
 
-/* Visibility by rays that start in a square around the point, in the surface's tangent plane. */
+/* Returns the visibility by rays that start in a square around the point, in the surface's tangent
+ * plane. */
 static float footprint_visibility(const struct umbt_study_truth *truth, const double point[3],
                                   const double normal[3])
 {
@@ -101,7 +102,7 @@ int umbt_study_truth_is_undefined(const struct umbt_study_truth *truth, const do
     return umbt_truth_is_undefined(&window, point, normal);
 }
 
-/* 1 if rays of the truth start in the window of texels, so that the frustum matters. */
+/* Returns 1 if rays of the truth start in the window of texels, so that the frustum matters. */
 static int has_window(const struct umbt_study_truth *truth)
 {
     return truth->rays.kind == UMBT_TRUTH_AREA && truth->method != UMBT_STUDY_FOOTPRINT;

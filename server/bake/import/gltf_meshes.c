@@ -206,7 +206,7 @@ static int is_coordinate(double value)
     return fabs(value) <= COORDINATE_MAX; /* false for NaN */
 }
 
-/* Texture coordinates of a vertex, v counting up; 0 0 if they are not finite. */
+/* Gets the texture coordinates of a vertex, with v growing upwards; 0 0 if they are not finite. */
 static void get_uv(const struct umbb_gltf_accessor *accessor,
                    const struct umbb_gltf_mapping *mapping, uint32_t vertex, float uv[2])
 {

@@ -86,8 +86,8 @@ int umbb_is_text(const struct umbb_file *file);
 #define UMBB_REFUSE(error, ...) umb_fail(error, UMB_E_BAD_SCENE, __VA_ARGS__)
 
 /*
- * Readers: of Wavefront OBJ; PLY; STL; glTF and GLB. Each appends meshes, materials, lights and
- * instances to job->scene.
+ * Readers of scene files: Wavefront OBJ; PLY; STL; glTF and GLB. Each appends meshes, materials,
+ * lights and instances to job->scene.
  *
  * Fails: E_BAD_SCENE with a message without the file's name (umbb_import_child puts it in front),
  *        E_NO_MEMORY, E_LIMIT. An unusable face (a corner that is not finite, a bad index, fewer

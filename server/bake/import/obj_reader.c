@@ -505,8 +505,8 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The group of a triangle: 0 for none, else its material's. A triangle without coordinates for its
- * material's texture counts as without material: it is opaque. */
+/* Returns the group of a triangle: 0 without a material, else the material's group. A triangle
+ * without coordinates for its material's texture counts as without material: it is opaque. */
 static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
 {
     const struct umbs_material *materials = obj->job->scene.materials.data;

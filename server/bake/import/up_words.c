@@ -87,8 +87,8 @@ static size_t split(struct umbb_cursor comment, struct word words[WORDS_MAX])
     return count;
 }
 
-/* The letter paired with the "up" at `at`: behind it if step is 1, before it if step is -1; NULL if
- * there is none. */
+/* Returns the letter paired with the "up" at `at`: the one behind it if step is 1, before it if
+ * step is -1; NULL if there is none. */
 static const struct word *letter_of(const struct word *words, size_t count, size_t at, int step)
 {
     for (size_t i = 1; i <= FILLERS_MAX + 1; i++) {

@@ -90,8 +90,8 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     return status;
 }
 
-/* Plain TCP has no confidentiality: an eavesdropper could replay the token, and anyone can
- * connect. */
+/* Returns 1 for a plain TCP connection. It has no confidentiality: an eavesdropper could replay the
+ * token, and anyone can connect. */
 static int is_plain_tcp(const struct umbd_conn *conn)
 {
     return conn->tls == NULL && conn->socket.handle.type == UV_TCP;
