@@ -42,8 +42,8 @@ struct umbt_rgb umbt_surface_color(uint32_t key);
  */
 struct umbt_rgb umbt_shade_light(struct umbt_rgb surface, const double light[3], double upward);
 
-/* The same under one white sun. visibility: visible share of the sun, 0..1. cosine: of the angle to
- * the sun; below 0 counts as 0. */
+/* Does umbt_shade_light for one white sun. visibility: visible share of the sun, 0..1. cosine: of
+ * the angle to the sun; below 0 counts as 0. */
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);
 

@@ -11,7 +11,8 @@
 #include "scene/scene.h"
 #include "rays/layers.h"
 
-/* What rays meet: opaque surfaces, and translucent ones, which they pass. */
+/* Surfaces for rays to meet: opaque ones, which stop rays, and translucent ones, which let them
+ * pass. */
 struct umbt_tracer {
     struct umbs_cuts cuts;      /* triangles with holes, and translucent ones */
     struct umbr_rays *rays;     /* pass holes and translucent surfaces */

@@ -41,7 +41,8 @@
  * The file's adjacency is not used, because it cannot be trusted.
  */
 
-/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
+/* Choice whether to prove squares of texels from bounds (closed rule only). Tests force one or the
+ * other. */
 enum umbb_prove {
     UMBB_PROVE_AUTO = 0,
     UMBB_PROVE_ALWAYS = 1,
