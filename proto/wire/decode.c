@@ -32,7 +32,7 @@ struct decoder {
     uint8_t *block; /* Memory for arrays and texts; NULL: they are only counted */
     size_t used;    /* Bytes of the block in use */
     size_t nested;  /* Number of fields of sub-messages so far */
-    size_t unknown; /* Number of those that their tables do not have */
+    size_t unknown; /* Number of fields that their tables do not have */
     struct umb_error *error;
 };
 
@@ -219,7 +219,7 @@ static inline unsigned index_of(const ProtobufCMessageDescriptor *message, uint3
 /* Fields of a message that the scan found, a bit for each, in the order of the table. */
 struct seen {
     uint64_t bits;
-    struct found fields[UMBW_ROWS_MAX]; /* Set for these bits only */
+    struct found fields[UMBW_ROWS_MAX]; /* Set where `bits` has a bit */
 };
 
 static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,

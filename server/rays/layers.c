@@ -8,7 +8,7 @@
 
 struct umbr_layers {
     struct umbr_rays *rays; /* over the translucent triangles alone */
-    uint32_t *triangles;    /* [number of them] index in the scene */
+    uint32_t *triangles;    /* [number of translucent triangles] index in the scene */
     const struct umbs_cuts *cuts;
 };
 

@@ -185,9 +185,9 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
 /* --- store_lane.c --- */
 
 enum umbs_lane_answer {
-    UMBS_LANE_NOT_FOR_IT, /* small, or there is no lane: the scan loads it */
-    UMBS_LANE_WAIT,       /* the lane loads it, or another one first */
-    UMBS_LANE_TAKE,       /* it is loaded */
+    UMBS_LANE_NOT_FOR_IT, /* the file is small, or there is no lane: the scan loads the file */
+    UMBS_LANE_WAIT,       /* the lane is loading this file, or another one first */
+    UMBS_LANE_TAKE,       /* the lane has loaded the file */
 };
 
 /* Asks the lane for a file; called by a scan. Out: entry, load_ms: set with UMBS_LANE_TAKE; entry

@@ -17,13 +17,13 @@ enum {
 
 #define ENOUGH     0.04  /* share of shadow at which the whole scene is shown */
 #define FEW_TIMES  3.0   /* a part must show so many times the whole scene's share */
-#define BEST_SHARE 0.6   /* and of the best part's share at least this */
+#define BEST_SHARE 0.6   /* a part must show at least this share of what the best one shows */
 #define LONG_SHARE 0.125 /* share of the plan's side from which on an edge is long */
 #define MOST       0.5   /* share of the casters that a part by shadow must hold */
-#define CASTERS    100   /* least number of them */
+#define CASTERS    100   /* least number of casters in such a part */
 #define LIFT       1e-5  /* start of rays off their surface, in diagonals of the scene */
 
-/* What counts in a picture. */
+/* Measure of a picture: share of shadow, or of things. */
 enum measure {
     SHADOW,
     THINGS,

@@ -28,7 +28,7 @@ struct umbt_scene {
     struct umbs_parts parts;
     struct umbt_tracer casts;       /* for rays of light: casters as the flags take them */
     const struct umbt_tracer *seen; /* for rays of cameras: `casts` or `as_file`; NULL: `rays` */
-    struct umbt_tracer as_file;     /* zeroed unless SCENE_SEEN makes another of it */
+    struct umbt_tracer as_file;     /* zeroed unless UMBT_SCENE_SEEN needs it */
     struct umbr_rays *rays;         /* casts.rays, borrowed */
     struct umb_box box;             /* bounds of all triangles */
     double diagonal_m;              /* diagonal of the box */

@@ -11,7 +11,7 @@
 #define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
 #define COARSE_TAPS  17   /* starts a side of the check for solids beneath a footprint */
 
-/* The truth of one ray from the very point that it is asked for. */
+/* Returns a truth that traces one ray, from the point itself. */
 static struct umbt_truth single_ray(const struct umbt_study_truth *truth)
 {
     struct umbt_truth ray = truth->rays;

@@ -609,8 +609,8 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     struct obj obj = {.job = job, .faces = {.scene = &job->scene}, .textures = {.job = job}};
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        /* Without textures the texture coordinates of vertices are not needed; freeing them makes
-         * room for the sort. */
+        /* Without textures the numbers of the vertices' texture coordinates (`made`) are not
+         * needed; freeing them makes room for the sort. */
         if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;
