@@ -32,7 +32,7 @@ enum umbj_state {
     UMBJ_STATE_COUNT,
 };
 
-/* Why a try ended without an asset. */
+/* Reason why a try ended without an asset. */
 enum umbj_failure {
     UMBJ_NO_FAILURE = 0,
     UMBJ_REJECTED,  /* the scene or its settings are unusable (exit codes 65, 2, 66) */

@@ -29,7 +29,7 @@ enum umbs_format {
     UMBS_FORMAT_STL = 3,
 };
 
-/* What told a scene's up axis. */
+/* Evidence by which a scene's up axis was found. */
 enum umbs_up_evidence {
     UMBS_UP_NONE = 0, /* nothing: z is taken */
     UMBS_UP_FORMAT,   /* the format: glTF */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What pictures need of a scene beyond its shape: normals of corners, in the order of the flattened
- * triangles, and whether the materials have colours.
+ * Properties of a scene for pictures, beyond its shape: normals of corners, in the order of the
+ * flattened triangles, and whether the materials have colours.
  */
 #include "study/study_scene.h"
 

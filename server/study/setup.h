@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_SETUP_H
 #define UMBRAGE_SERVER_STUDY_SETUP_H
 /*
- * What the sub-commands of umbrage-study have in common: options, a scene, a sun and a camera, and
- * the way from the command line to the exit code.
+ * Shared parts of the sub-commands of umbrage-study: options, a scene, a sun and a camera, and the
+ * way from the command line to the exit code.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"
@@ -109,7 +109,7 @@ UMB_CHECKED enum umb_status umbt_common_match(const struct umbt_common *common, 
  */
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3]);
 
-/* What a camera is fitted to: all corners of a scene. */
+/* Returns the geometry that a camera is fitted to: all corners of a scene. */
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 

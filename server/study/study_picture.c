@@ -36,7 +36,7 @@ enum {
     SUMS
 };
 
-/* What a receiver has got of all lights so far. */
+/* Light that a receiver has got from all lights so far. */
 struct received {
     float asset[3], traced[3];
     float difference; /* of the visibilities, asset - traced */

@@ -28,7 +28,7 @@ enum umbb_dropped {
     UMBB_TRANSLUCENT = 2,
 };
 
-/* What the closed rule costs and saves, as the plan states it. */
+/* Costs and savings of the closed rule, as the plan states them. */
 struct umbb_closed_price {
     int known;            /* 0: the rule was not in question */
     int exact;            /* 1: the bytes are those of bakes at the wanted resolution */

@@ -134,7 +134,7 @@ enum {
     UMBB_GLTF_UINT32 = 8,
 };
 
-/* What an attribute allows of its accessor. */
+/* Kinds of accessors that an attribute allows. */
 struct umbb_gltf_use {
     const char *name; /* name of the attribute */
     const char *must; /* words for messages: "VEC3 of floats" */

@@ -180,7 +180,7 @@ enum umbb_up umbb_up_of_program(struct umbb_cursor comment)
     return UMBB_UP_UNKNOWN;
 }
 
-/* What all comments of a file say. */
+/* Evidence from all comments of a file. */
 struct said {
     enum umbb_up by_comment, by_program;
     int contradiction; /* 1: two comments name different axes */

@@ -43,7 +43,7 @@
 struct umbd_calibrations;
 struct umbj_service;
 
-/* What calls are answered from. All loops share it. */
+/* Objects from which calls are answered; all loops share them. */
 struct umbd_backend {
     const struct umbd_method *methods; /* Table that ends with a row without a path */
     struct umbs_store *store;
