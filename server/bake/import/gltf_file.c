@@ -84,7 +84,8 @@ static enum umb_status find_json(const struct umbb_file *file, struct umbb_curso
     return UMB_OK;
 }
 
-/* Checks the extensions that the file requires: those that change no shape, or that are read. */
+/* Checks the extensions that the file requires: each must change no shape, or be one that this
+ * reader supports. */
 static enum umb_status check_extensions(const json_t *required, struct umb_error *error)
 {
     static const char *const harmless[] = {
