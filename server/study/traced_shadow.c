@@ -9,6 +9,8 @@
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
+/* Least cosine between a surface and the view: the filter's (umbrage/query.h, pixel_rad). */
+#define GRAZING    0.0625
 #define LAMP_SHARE 1e-6 /* share of the way at its end that rays to points of a lamp leave out */
 
 struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
@@ -328,6 +330,36 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
     return (float)lit / (float)(truth->samples * truth->samples);
 }
 
+/* Moves `at`, a place across the view, along the view onto the plane through 0. */
+static void onto_plane(const double view[3], const double normal[3], double at[3])
+{
+    const double facing = umb__dot(view, normal);
+    const double held = copysign(fmax(fabs(facing), GRAZING), facing);
+    umbt_along(at, -umb__dot(at, normal) / held, view, at);
+    umbt_along(at, -umb__dot(at, normal), normal, at); /* at grazing views only */
+}
+
+/* Share of the rays from the pixel's part of the surface that reach the light. */
+static float footprint_visibility(const struct umbt_truth *truth, const double from[3],
+                                  const double normal[3])
+{
+    const double side = (double)truth->samples;
+    double view[3], u[3], v[3], lit = 0.0;
+    umb__subtract(from, truth->settings.eye, view);
+    const double pixel_m = truth->settings.pixel_rad * umb__length(view);
+    (void)umbt_normalize(view);
+    across(view, u, v);
+    for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
+        double at[3] = {0, 0, 0};
+        umbt_along(at, ((i % truth->samples + 0.5) / side - 0.5) * pixel_m, u, at);
+        umbt_along(at, ((i / truth->samples + 0.5) / side - 0.5) * pixel_m, v, at);
+        onto_plane(view, normal, at);
+        umbt_along(from, 1.0, at, at);
+        lit += light_share(truth, at);
+    }
+    return (float)lit / (float)(truth->samples * truth->samples);
+}
+
 /* Returns whether a point lies behind the plane of an area light, which shines to one side. */
 static int is_behind(const struct umb_light_info *lamp, const double towards[3])
 {
@@ -344,10 +376,14 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     if (!(umb__dot(normal, towards) > 0.0) || is_behind(truth->lamp, towards)) {
         return 0.0F;
     }
-    if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {
+    if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC ||
+        truth->kind == UMBT_TRUTH_FOOTPRINT) {
         umbt_along(point, SURFACE_OFFSET * truth->diagonal_m, normal, window.moved);
         if (truth->kind == UMBT_TRUTH_DISC) {
             return disc_visibility(truth, window.moved, normal);
+        }
+        if (truth->kind == UMBT_TRUTH_FOOTPRINT) {
+            return footprint_visibility(truth, window.moved, normal);
         }
         return (float)light_share(truth, window.moved);
     }
