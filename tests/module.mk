@@ -172,7 +172,9 @@ $(BUILD)/bias_race: $(BUILD)/tests/bench/bias_race.o $(TEST_LIBS_study)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 bias-table: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bias_race ## biases of wide windows against rays, five scenes, three suns: ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bias_table.py
-.PHONY: bias-table
+picture-table: $(PROGRAMS) $(BUILD)/scenegen ## false light and false shadow of default pictures, six scenes, three suns: minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/picture_table.py
+.PHONY: bias-table picture-table
 
 budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py

@@ -123,7 +123,7 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed, struct
     }
     if (!umbu_given(parsed, "truth")) {
         const int spread = render->samples > 0;
-        render->kind = filter->has_extent                  ? UMBT_TRUTH_DISC
+        render->kind = filter->has_extent                 ? UMBT_TRUTH_DISC
                        : spread && filter->has_footprints ? UMBT_TRUTH_FOOTPRINT
                        : spread                           ? UMBT_TRUTH_AREA
                        : settings->taps > 1               ? UMBT_TRUTH_TEXELS
@@ -260,8 +260,8 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
         memcpy(traced->eye, setup->camera.eye, sizeof traced->eye);
         traced->pixel_rad = pixel_rad;
         if (has_footprints) {
-            UMB__TRY(umbt_shadow_source_look(&lights->sources[i], setup->camera.eye, pixel_rad,
-                                             error));
+            UMB__TRY(
+                umbt_shadow_source_look(&lights->sources[i], setup->camera.eye, pixel_rad, error));
         }
     }
     return UMB_OK;

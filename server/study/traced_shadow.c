@@ -9,8 +9,6 @@
 #define SURFACE_OFFSET 2e-6 /* share of the scene's diagonal */
 /* Length of rays in diagonals of the scene: no caster is farther from a point of the scene. */
 #define FAR_FACTOR 2.0
-/* Least cosine between a surface and the view: the filter's (umbrage/query.h, pixel_rad). */
-#define GRAZING    0.0625
 #define LAMP_SHARE 1e-6 /* share of the way at its end that rays to points of a lamp leave out */
 
 struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
@@ -330,21 +328,37 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
     return (float)lit / (float)(truth->samples * truth->samples);
 }
 
-/* Moves `at`, a place across the view, along the view onto the plane through 0. */
-static void onto_plane(const double view[3], const double normal[3], double at[3])
+/*
+ * Finds the start of a ray: the surface that the eye sees at `at` across the view from `from`, off
+ * that surface. Returns 0 if it sees another surface: one more than `depth_m` before or behind the
+ * plane of the receiver.
+ */
+static int footprint_start(const struct umbt_truth *truth, const double from[3],
+                           const double normal[3], double depth_m, double at[3])
 {
-    const double facing = umb__dot(view, normal);
-    const double held = copysign(fmax(fabs(facing), GRAZING), facing);
-    umbt_along(at, -umb__dot(at, normal) / held, view, at);
-    umbt_along(at, -umb__dot(at, normal), normal, at); /* at grazing views only */
+    double ray[3], to_plane[3];
+    struct umbr_hit hit = {.distance = -1.0};
+    umb__subtract(from, truth->settings.eye, to_plane);
+    umbt_along(to_plane, 1.0, at, ray);
+    (void)umbt_normalize(ray);
+    const double plane_m = umb__dot(to_plane, normal) / umb__dot(ray, normal);
+    umbr_nearest(truth->rays, truth->settings.eye, ray, 0.0, INFINITY, &hit);
+    if (!(hit.distance >= 0.0) || !(fabs(hit.distance - plane_m) <= depth_m)) {
+        return 0;
+    }
+    umbt_along(truth->settings.eye, hit.distance, ray, at);
+    umbt_along(at, copysign(SURFACE_OFFSET * truth->diagonal_m, -umb__dot(hit.normal, ray)),
+               hit.normal, at);
+    return 1;
 }
 
-/* Share of the rays from the pixel's part of the surface that reach the light. */
+/* Share of the rays from the surface that the pixel covers that reach the light. */
 static float footprint_visibility(const struct umbt_truth *truth, const double from[3],
                                   const double normal[3])
 {
     const double side = (double)truth->samples;
     double view[3], u[3], v[3], lit = 0.0;
+    uint32_t count = 0;
     umb__subtract(from, truth->settings.eye, view);
     const double pixel_m = truth->settings.pixel_rad * umb__length(view);
     (void)umbt_normalize(view);
@@ -353,11 +367,12 @@ static float footprint_visibility(const struct umbt_truth *truth, const double f
         double at[3] = {0, 0, 0};
         umbt_along(at, ((i % truth->samples + 0.5) / side - 0.5) * pixel_m, u, at);
         umbt_along(at, ((i / truth->samples + 0.5) / side - 0.5) * pixel_m, v, at);
-        onto_plane(view, normal, at);
-        umbt_along(from, 1.0, at, at);
-        lit += light_share(truth, at);
+        if (footprint_start(truth, from, normal, pixel_m, at)) {
+            lit += light_share(truth, at);
+            count++;
+        }
     }
-    return (float)lit / (float)(truth->samples * truth->samples);
+    return count > 0 ? (float)(lit / count) : (float)light_share(truth, from);
 }
 
 /* Returns whether a point lies behind the plane of an area light, which shines to one side. */

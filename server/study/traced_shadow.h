@@ -21,9 +21,10 @@
  *   evenly over the light: its disc (the concentric map of Shirley and Chiu 1997), its rectangle,
  *   or the disc across the way to a spot or point light. The remaining difference includes
  *   everything.
- * - UMBT_TRUTH_FOOTPRINT: samples x samples rays from the part of the surface's plane that the
- *   pixel of settings.eye and settings.pixel_rad covers: a square across the view, seen on the
- *   plane. What the footprint filter stands for.
+ * - UMBT_TRUTH_FOOTPRINT: samples x samples rays from the surface that the pixel around the point
+ *   covers, by settings.eye and settings.pixel_rad: where the eye's rays meet the scene. Surfaces
+ *   more than a pixel's width before or behind the point's plane do not count. The remaining
+ *   difference includes everything.
  *
  * Precision: for the last three, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).

@@ -216,9 +216,15 @@ static double by_quarter(const struct race *race, const struct receiver *r)
 static const struct candidate {
     const char *name;
     double (*share)(const struct race *race, const struct receiver *r);
-} candidates[] = {{"normal", by_normal}, {"light", by_light},   {"smallest", smallest},
-                  {"rows", by_rows},     {"thirds", by_thirds}, {"plane", by_plane},
-                  {"half", by_half},     {"either", by_either}, {"an eighth longer", by_eighth},
+} candidates[] = {{"normal", by_normal},
+                  {"light", by_light},
+                  {"smallest", smallest},
+                  {"rows", by_rows},
+                  {"thirds", by_thirds},
+                  {"plane", by_plane},
+                  {"half", by_half},
+                  {"either", by_either},
+                  {"an eighth longer", by_eighth},
                   {"a quarter longer", by_quarter}};
 
 static const struct asked {
@@ -238,7 +244,6 @@ enum {
 
 struct counts {
     uint64_t judged, wrong[ALL][4];
-    double error[ALL]; /* sum of differences from the share of the area's rays */
 };
 
 static void require(enum umb_status status, const struct umb_error *error)
@@ -306,7 +311,6 @@ static void judge(const struct race *race, size_t i, float *const answers[ASKED]
         counts->wrong[c][1] += share < 0.5 && lit;
         counts->wrong[c][2] += share > 0.5 && patch < 0.5 - 1.0 / RAYS;
         counts->wrong[c][3] += share < 0.5 && patch > 0.5 + 1.0 / RAYS;
-        counts->error[c] += fabs(share - patch);
     }
 }
 
@@ -372,7 +376,7 @@ int main(int argc, char **argv)
         for (int k = 0; k < 4; k++) {
             printf("\t%.3f", 100.0 * (double)wrong[k] / (double)counts.judged);
         }
-        printf("\t%.5f\t%" PRIu64 "\n", counts.error[c] / (double)counts.judged, counts.judged);
+        printf("\t%" PRIu64 "\n", counts.judged);
     }
     for (int k = 0; k < ASKED; k++) {
         free(answers[k]);

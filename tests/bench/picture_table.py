@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of default pictures in docs/results/biases.md: false light and false shadow of `umbrage render` as it is
-without options, on five scenes under three suns. `make picture-table` runs it; the real scene comes from
+without options, on six scenes under three suns. `make picture-table` runs it; the real scenes come from
 UMBRAGE_SCENES (default ../shared/scenes). A cell has the shares in percent for suns 70, 45 and 15 degrees high.
 picture_table.py [RESOLUTION [SAMPLES]] measures one resolution, and less precisely."""
 
@@ -15,8 +15,8 @@ BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 SCENES = os.environ.get("UMBRAGE_SCENES", os.path.join(ROOT, "..", "shared", "scenes"))
 SUNS = (70, 45, 15)
 RESOLUTIONS = (2048, 4096)
-SAMPLES = 8  # rays a side of a footprint
-# Name, words of scenegen or a file, options of the bake.
+SAMPLES = 4  # rays a side of a footprint
+# Name, words of scenegen or a file, its up axis.
 ALL = (("houses", ("houses", "--size", 6), ()),
        ("city", ("city", "--size", 8), ()),
        ("terrain", ("terrain", "--size", 256), ()),

@@ -22,8 +22,8 @@ struct work {
     struct corner *corners;
     struct edge *edges;
     size_t edge_count;
-    uint32_t *parent;    /* union-find over triangles */
-    uint8_t *open;       /* a part, by its first triangle: it has an edge that no two triangles share */
+    uint32_t *parent; /* union-find over triangles */
+    uint8_t *open; /* a part, by its first triangle: it has an edge that no two triangles share */
     long double *volume; /* a part: six times */
 };
 
