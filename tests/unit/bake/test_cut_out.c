@@ -14,6 +14,7 @@
 #include "bake/depth/depth.h"
 #include "bake/tiles/tile_folder.h"
 #include "cut_scene.h"
+#include "make_asset.h"
 
 enum {
     SIZE = 128,
@@ -193,7 +194,7 @@ static void all_paths_keep_the_same_texels_under_a_sun(void **state)
 {
     (void)state;
     static struct fixture f;
-    for (uint64_t seed = 1; seed <= 9; seed++) {
+    for (uint64_t seed = 1; seed <= (uint64_t)short_count(9, 3); seed++) {
         fixture_init(&f, seed, 0);
         compare(&f, umbb_depth_raster_create);
         fixture_finish(&f);
@@ -204,7 +205,7 @@ static void all_paths_keep_the_same_texels_before_an_eye(void **state)
 {
     (void)state;
     static struct fixture f;
-    for (uint64_t seed = 11; seed <= 16; seed++) {
+    for (uint64_t seed = 11; seed < 11 + (uint64_t)short_count(6, 2); seed++) {
         fixture_init(&f, seed, 1);
         compare(&f, umbb_depth_raster_create);
         fixture_finish(&f);
