@@ -17,8 +17,8 @@ void umbc_records_batch(struct umbc_record_progress *progress, size_t count)
     progress->count = count;
 }
 
-/* Returns the answered share of all records. It is measured by records once the last one was read,
- * and by bytes of the source before. */
+/* Returns the answered share of all records. While the source is being read, the share is measured
+ * by the source's bytes; once its last record was read, by records. */
 static double share_done(const struct umbc_record_progress *progress, double answered)
 {
     const struct umbc_points *source = progress->source;

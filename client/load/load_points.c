@@ -76,9 +76,9 @@ static double clamp(double value, double low, double high)
 }
 
 /*
- * Draws one frame. The eye stands at `turn` (0..1) of an ellipse over the bounds and looks along
- * it, 35 degrees down. Each pixel gives the point where its ray meets the plane; a ray above the
- * horizon ends at the border of the bounds.
+ * Draws one camera frame. The eye is on an ellipse over the bounds, at the share `turn` (0..1) of
+ * its length, and looks along the ellipse, 35 degrees down. Each pixel gives the point where its
+ * ray meets the plane; a ray above the horizon ends at the border of the bounds.
  */
 static void draw_frame(const struct umb_box *bounds, const struct axes *axes, double turn,
                        const double origin[3], size_t count, float *positions)

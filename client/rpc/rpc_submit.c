@@ -24,7 +24,7 @@ struct upload {
     uint8_t *piece; /* [PIECE_BYTES] */
     int fd;         /* Descriptor of the file being sent, -1 = none */
     size_t next;    /* Index of the next file to send */
-    uint64_t left;  /* Bytes of the file still to send, of those that were hashed */
+    uint64_t left;  /* Bytes of the file that are still to be sent, of as many as were hashed */
     uint64_t sent, total;
     struct umb_error error;
 };

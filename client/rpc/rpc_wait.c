@@ -56,8 +56,8 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
 {
     struct waiter *waiter = user;
     status = take_reply(waiter->decode, waiter->out, status, message, size, error, waiter->error);
-    /* The signal comes before the unlock. Once the lock is free the waiter may see `finished` and
-     * free this memory. */
+    /* The signal is sent before the lock is released: once the lock is free, the waiting thread may
+     * see `finished` and free this memory. */
     pthread_mutex_lock(&waiter->lock);
     waiter->status = status;
     waiter->finished = true;
@@ -96,7 +96,7 @@ static enum umb_status end(const struct umb__ending *ending, void *context, enum
     return ending->finish != NULL ? ending->finish(context, status, error) : status;
 }
 
-/* A call without a waiting thread. */
+/* An asynchronous call, for which no thread waits. */
 struct running {
     struct umb__ending ending;
     umb_client_done_fn done;

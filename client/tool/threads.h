@@ -23,11 +23,12 @@
 
 struct umbu_threads; /* opaque */
 
-/* One slice. thread: 0 (the owner) .. threads - 1; no two slices under way have the same. */
+/* Runs one slice. In: thread: 0 (the owner) .. threads - 1; no two slices under way have the same
+ * number. */
 typedef void (*umbu_slice_fn)(void *user, uint32_t slice, unsigned thread);
 
 /*
- * Starts threads; if the system refuses some, the others do the work.
+ * Starts threads. If the system refuses to start some, the others do the work.
  *
  * In: threads: number with the owner, at least 1. Fails: E_NO_MEMORY.
  */

@@ -8,7 +8,8 @@
 #include <sys/mman.h>
 
 #define CACHE_LINE 64U
-#define LARGE_PAGE ((uintptr_t)2 << 20) /* Bytes on x86-64; other systems round or refuse */
+/* Bytes of a large page on x86-64; other systems round the size or refuse */
+#define LARGE_PAGE ((uintptr_t)2 << 20)
 
 void umb_free(void *block)
 {

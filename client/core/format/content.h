@@ -110,12 +110,13 @@ struct umb__pack_job {
 
 /* Figures about the pages of a packed file. */
 struct umb__pack_figures {
-    /* Estimated bytes of the lowest band with copies, over those without. At least 1; the file has
-     * copies up to UMB__COPIES_MAX. Beyond that the number may be too small. */
+    /* Ratio of the estimated bytes of the lowest band with copies of nodes to those without; at
+     * least 1. The file has copies if the ratio is at most UMB__COPIES_MAX. A ratio above that may
+     * be too small. */
     double copies;
 };
 
-/* Largest bytes of the lowest band with copies, in fifths of the bytes of the band's nodes without
+/* Limit of the bytes of the lowest band with copies of nodes, in fifths of the band's bytes without
  * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
  * save references, which take many bytes. */
 #define UMB__COPIES_MAX_FIFTHS 12U

@@ -134,7 +134,8 @@ struct measured {
     uint32_t level;
 };
 
-/* Measures the lists of columns at w->level. Lists of more than `bytes` give no columns. */
+/* Measures the lists of columns at w->level. If the lists take more than `bytes`, there are no
+ * columns of this level. */
 static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                struct measured *m)
 {
@@ -160,8 +161,8 @@ static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, ui
     return UMB_OK;
 }
 
-/* Finds the narrowest columns of a frustum that fit into `bytes`; if none fit, columns as wide as
- * the grid's cells. */
+/* Finds the narrowest columns of a frustum that fit into `bytes`. If none fit, the frustum gets
+ * columns as wide as the grid's cells. */
 static enum umb_status choose_level(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                     struct measured *best)
 {

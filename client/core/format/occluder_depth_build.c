@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Codes squares of texels as planes, and joins squares to the tree.
+ * Codes squares of texels as planes, and joins squares to the tree. Only texels with end > lit are
+ * coded; the DAG answers for the others.
  *
  * A plane meets a texel if the plane's height there, rounded down, is the texel's `lit`. A square
  * that no single plane meets gets several planes. Each plane starts from a block of 8x8 texels that
@@ -218,7 +219,8 @@ static void take_in(struct work *w, uint32_t block, struct plane *plane)
     }
 }
 
-/* Starts a plane at a block and turns it to meet as many other open blocks as possible. */
+/* Starts a plane at a block and turns it to meet as many other blocks as possible that no plane
+ * meets yet. */
 static void grow_plane(struct work *w, uint32_t first, uint64_t open)
 {
     w->set.count = 0;
@@ -454,7 +456,7 @@ static enum umb_status too_large(size_t max_words, struct umb_error *error)
         max_words >> 8);
 }
 
-/* Records a square whose words stand behind the others. */
+/* Records the place of a square whose words were appended to those of the other squares. */
 static enum umb_status note_square(struct umb__occluder_depth *occluder_depth, uint32_t x,
                                    uint32_t y, size_t count, struct umb_error *error)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The order of a packed file's nodes: its bands and their roots. pack_walk.c has the walk below the
- * roots.
+ * The order of a packed file's nodes: its bands and their roots. pack_order.h explains bands and
+ * copies; pack_walk.c has the walk below the roots.
  *
  * A sample of the lowest band's roots decides whether copies are worth their bytes there. Each run
  * of neighbouring roots is measured by itself, so helpers share the runs, each on a walk of its
@@ -87,7 +87,7 @@ static uint64_t own_bytes_of(const struct umb__pack_survey *survey)
     return bytes;
 }
 
-/* Returns the most bytes that `asked` sampled roots, at most 2^15, may take with copies. */
+/* Returns the limit of bytes that `asked` sampled roots (at most 2^15) may take with copies. */
 static uint64_t bytes_most(const struct umb__pack_survey *survey,
                            const struct umb__node_list *roots, uint64_t asked)
 {
@@ -97,8 +97,9 @@ static uint64_t bytes_most(const struct umb__pack_survey *survey,
                : UMB__COPIES_MAX_FIFTHS * own_bytes_of(survey) * asked / (5 * roots->count);
 }
 
-/* Returns the share of `bytes`, those of `asked` roots with copies, to the most that they may take,
- * as a multiple of the bytes without copies. */
+/* Returns the bytes with copies as a multiple of the bytes without. In: bytes: taken by the sampled
+ * roots with copies. most: their limit (bytes_most), which is UMB__COPIES_MAX times the bytes
+ * without copies. */
 static double copies_of(uint64_t bytes, uint64_t most)
 {
     const double ratio = most > 0 ? (double)bytes / (double)most * UMB__COPIES_MAX : 1.0;
@@ -187,7 +188,8 @@ static bool has_roots_below(const struct umb__octree *octree, uint32_t level)
 
 /*
  * Visits some runs of the lowest band's roots with copies. Compares the estimated bytes of their
- * pages with their share of all nodes, each taken once. The result is the same for any workers.
+ * pages with their share of the band's bytes without copies. The result is the same for any
+ * workers.
  *
  * In:    walk: at the beginning of the lowest band; only read. workers: or NULL.
  * Fails: E_NO_MEMORY.
@@ -197,7 +199,8 @@ static enum umb_status sample_copies(const struct umb__pack_walk *walk,
                                      const struct umb_workers *workers, bool *worth)
 {
     const struct umb_alloc *alloc = walk->order->alloc;
-    /* Without roots of frusta in the band, no root of the band is below or equal to another. */
+    /* Without roots of frusta in the band, no root of the band is another root, or lies below
+     * one. */
     workers = has_roots_below(walk->octree, UMB__LOWEST_END) ? NULL : workers;
     const unsigned helpers = workers ? workers->count : 1;
     const unsigned count = helpers < SAMPLERS_MOST ? helpers : SAMPLERS_MOST;

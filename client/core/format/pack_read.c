@@ -292,8 +292,8 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
     return bytes + root_count * (sizeof(struct umb__octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
-/* Returns the most bytes that the counted nodes can take, if each has eight children. No sum
- * overflows, since each count is below 2^32. */
+/* Returns the bytes that the counted nodes take if each has eight children, the most possible. No
+ * sum overflows, since each count is below 2^32. */
 static uint64_t node_bytes(const struct umb__canonical *canonical)
 {
     uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;

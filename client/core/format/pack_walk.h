@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_WALK_H
 #define UMBRAGE_CORE_FORMAT_PACK_WALK_H
 /*
- * What the order of a packed file (pack_order.h) is made with.
+ * The two passes over an octree from which the order of a packed file (pack_order.h) is made.
  *
  * A survey finds the nodes that the roots reach, checks these nodes, and estimates their bytes in
  * the file. It goes level by level from the top and reads each array once from end to end. That is

@@ -181,7 +181,7 @@ enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
     struct umb__trans counts = {0};
     memset(trans, 0, sizeof *trans);
     UMB__TRY(walk_entry(bytes, length, frusta, frustum_count, &counts, error));
-    /* One item more in each array, since an entry may have none. */
+    /* Each array has one item more than needed, so that none has length 0 */
     trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
     trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
     trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);

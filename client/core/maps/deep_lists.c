@@ -344,8 +344,8 @@ static inline uint32_t place_left(const struct place *place)
     return place->nearer > 0 ? umb__deep_at(&place->list, place->nearer - 1)->left : UMB__DEEP_ONE;
 }
 
-/* Returns the same with an exponent: the light falls to that value exponentially with the depth
- * behind the node. */
+/* Returns the transmittance at a position of a map with an exponent. Behind a node the light falls
+ * exponentially with depth, from its value before the node to the node's own. */
 static double place_faded(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double left = (double)place_left(place);
@@ -454,7 +454,7 @@ static uint64_t drops_before(const struct umb__deep_node *nodes, uint64_t i, uin
     uint64_t lost = 0;
 #ifdef __SSE2__
     /* Two nodes a register, four at once: d0 l0 d1 l1. Bits of depths are below 2^31, so that the
-     * signed comparison is right; a depth's verdict is copied to the drop behind it. */
+     * signed comparison is right; the result for a depth is copied to the lane of its drop. */
     const __m128i limits = _mm_set1_epi32((int)limit);
     __m128i sums[2] = {_mm_setzero_si128(), _mm_setzero_si128()};
     for (; i + 4 <= end; i += 4) {

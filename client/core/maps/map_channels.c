@@ -25,9 +25,10 @@ double umb__channel_mean(double exponent, const double *values, const double *we
     for (size_t i = 0; i < count; i++) {
         most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    /* Computes the mean of logarithms without overflow: every term is at most 1, and the greatest
-     * term is its full weight, so the argument of log is large enough. A value without weight does
-     * not count in `most`: all others might be subnormal beside it. */
+    /* Computes the mean of logarithms without overflow. `most` is the greatest value: no
+     * exponential is above 1, and the greatest value adds its full weight, so the argument of log
+     * is not tiny. A value of weight 0 does not count in `most`, because the exponentials of all
+     * others might be subnormal beside it. */
     for (size_t i = 0; i < count; i++) {
         sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
     }
@@ -368,7 +369,8 @@ static void trilinear(const struct umb__channels *channels, double x, double y, 
     }
 }
 
-/* One axis of a box: the table rows next to its two ends, and the weight of each row. */
+/* The rows of a summed-area table next to the two ends of a box on one axis, and the weight of each
+ * row. */
 struct side {
     size_t low[2], high[2];
     double low_weight[2], high_weight[2];

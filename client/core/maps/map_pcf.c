@@ -207,8 +207,8 @@ double umb__penumbra_texels(const struct umb__map_query *query,
 
 /*
  * Returns the depth up to which a texel of a penumbra lights the receiver. Where the receiver's
- * plane rises towards the light, it is the plane's depth at the texel. Elsewhere it is the
- * receiver's own depth, since space behind the receiver cannot block its light.
+ * plane rises towards the light, the limit is the plane's depth at the texel. Elsewhere the limit
+ * is the receiver's own depth, since space behind the receiver cannot block its light.
  */
 static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
                           int64_t x, int64_t y)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opening, and the pages: proven one by one within a budget of memory; see partial.h. */
+/* Opens partial assets, and adds pages: each page is verified by its hash and kept within a budget
+ * of memory; see partial.h. */
 #include "umbrage/partial.h"
 
 #include <string.h>
@@ -147,7 +148,7 @@ static struct umb__links *links_of(struct umb_partial *p, uint32_t page)
     return held->links;
 }
 
-/* Records that a page must hold the node of a level at a position. False: out of memory. */
+/* Records that a page must have the node at a given position of a level. False: out of memory. */
 static bool note_link(struct umb_partial *p, uint32_t level, uint32_t page, uint32_t position)
 {
     struct umb__links *links = links_of(p, page);
@@ -303,8 +304,8 @@ void umb_partial_close(struct umb_partial *p)
 
 /* --- pages ------------------------------------------------------------------------------------ */
 
-/* Checks a link of a page's node of `level`: the page at the other end may have a node of the level
- * below at this position. */
+/* Checks that a link from a node of `level` can be right: it names an existing page and a possible
+ * position of a node of the level below. */
 static enum umb_status check_link(struct umb_partial *p, const struct umb__page *page,
                                   uint32_t number, uint32_t level, struct umb__node_place to,
                                   struct umb_error *error)
@@ -326,8 +327,8 @@ static enum umb_status check_link(struct umb_partial *p, const struct umb__page 
                             number, to.position, level - 1, to.page);
 }
 
-/* Checks the references of a page to nodes in other pages or, with `note`, records that those pages
- * must hold the nodes. */
+/* Checks the references of a page to nodes in other pages. With `note` it does not check: it
+ * records that those pages must hold the nodes. */
 static enum umb_status visit_links(struct umb_partial *p, const struct umb__page *page,
                                    uint32_t number, bool note, struct umb_error *error)
 {
@@ -403,8 +404,8 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     return UMB_OK;
 }
 
-/* Proves a page by its hash, checks its links to and from other pages, and stores it. In: raw: room
- * for the uncompressed page. */
+/* Verifies a page by its hash, checks its links to and from other pages, and stores it. In: raw:
+ * room for the uncompressed page. */
 static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__page_entry *entry,
                                       const void *stored, uint8_t *raw, struct umb_error *error)
 {

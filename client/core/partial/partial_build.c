@@ -21,9 +21,9 @@ static enum umb_status no_memory(struct umb_error *error)
 
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* The wanted page is the last one whose first node of the level is not behind the node. A page
-     * without nodes of the level has the same first number as the next page, and stands before that
-     * page. */
+    /* The page with the node is the last page whose first node of the level does not come after the
+     * node. A page without nodes of the level has the same first number as the next page, and
+     * stands before that page. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;

@@ -12,7 +12,7 @@
 /* Flag of a graph's child that is in a missing page; the other bits are the page's number. */
 #define UMB__ABSENT 0x80000000U
 
-/* Facts about a page's nodes, level by level. */
+/* What is known about a page's nodes, level by level. */
 struct umb__links {
     uint32_t count[UMB__LEVELS];  /* Number of nodes in the page, if the page is held */
     uint32_t first[UMB__LEVELS];  /* Number in the graph of the page's first node, if the page was

@@ -95,7 +95,7 @@ static bool draw_bit(const uint64_t *masks, size_t depth_count, size_t count,
     }
 }
 
-/* Draws a face inside a brick. In: first: first voxel of the brick. */
+/* Draws a face between voxels of a brick. In: first: first voxel of the brick. */
 static bool face_of_brick(const uint64_t brick[8], const uint32_t first[3],
                           struct umb__draws *draws, struct face *face)
 {
@@ -187,8 +187,8 @@ static struct umb__boundary boundary_at(const struct face *face, struct umb__dra
     return boundary;
 }
 
-/* Moves the edge of a shadow along the light to the surface that receives it, unless the shadowed
- * side ends before. */
+/* Moves a boundary at a shadow's edge along the light to the surface that receives the shadow. The
+ * boundary does not move if the shadowed voxels end before that surface. */
 static void move_to_surface(const struct umb__tree *tree, struct umb__boundary *boundary)
 {
     const uint32_t *lit = boundary->lit;

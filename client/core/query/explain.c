@@ -61,8 +61,8 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
     }
 }
 
-/* Returns the mean edge in metres of the voxel or cell that answers. The automatic bias of coarse
- * look-ups uses twice the edges of a cell (query.c, set_bias). */
+/* Returns the mean edge in metres of the voxel or cell that a look-up reads. The automatic bias of
+ * coarse look-ups uses twice the edges of a cell (query.c, set_bias). */
 static double edge_m(const struct umb__query *q)
 {
     const double(*step)[3] = q->voxel_step;
@@ -85,7 +85,8 @@ static void add_normal(const struct umb__query *q, const struct umb_points *one,
     }
 }
 
-/* Runs a stage of the query for one point. Out: the answer and the reads of that stage. */
+/* Runs a stage of the query for one point. Out: the answer after that stage, and the numbers of
+ * nodes and bricks that it read. */
 static struct umb_query_stats answer_one(const struct umb__query *query, umb__kernel *run,
                                          const struct umb_points *one, struct umb_explanation *e)
 {

@@ -36,7 +36,8 @@ struct sample_groups {
     uint32_t count;
     uint32_t points; /* Bit p: a group is of point p */
     uint8_t point[GROUPS + 1];
-    uint32_t number[GROUPS + 1]; /* Number of the node or brick; of a first cube its sample */
+    uint32_t number[GROUPS + 1]; /* Number of the node or brick. In a group of a first cube: number
+                                    of a sample in that cube */
     uint64_t samples[GROUPS + 1];
 };
 
@@ -55,7 +56,7 @@ struct square_block {
         struct umb__slice_places places[TOGETHER];
     };
     struct sample_groups groups[2];
-    /* Groups whose samples are not all in new groups yet */
+    /* Groups some of whose samples are not in new groups yet */
     uint8_t open_point[GROUPS];
     const uint64_t *open_node[GROUPS];
     uint64_t open[GROUPS];             /* Samples that are left */
@@ -73,8 +74,8 @@ static inline uint32_t last_bit(uint64_t bits)
     return 63 - (uint32_t)__builtin_clzll(bits);
 }
 
-/* Chooses where descents begin: at the pieces of columns, or at cells of the grid where pieces are
- * as wide, or so narrow that a square has many. */
+/* Chooses where descents begin: at the pieces of columns or at the cells of the grid. The grid is
+ * chosen if a piece is as large as a cell, or so small that a square touches many pieces. */
 static void choose_start(struct square_block *block)
 {
     const struct umb__query *q = block->query;
@@ -123,9 +124,8 @@ static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_
     return count;
 }
 
-/* Makes groups of the samples of the open points by the first cubes, in rounds as group_by_child.
- * The cubes of a point are told apart by the lowest two bits of their places: enough for four
- * cubes. */
+/* Groups the samples of the open points by their first cubes, in rounds as group_by_child does. The
+ * cubes of a point are told apart by the lowest two bits of their places: enough for four cubes. */
 static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
                              uint32_t count)
 {
@@ -229,9 +229,9 @@ UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to,
 }
 
 /*
- * Makes the groups of `level` of those above. A round takes two groups out of each open one: those
- * of its outermost samples. Few need a second round. So no branch depends on one group's samples,
- * and the groups of a round do not wait for each other.
+ * Makes the groups of `level` from the open groups of the level above. A round takes two groups out
+ * of each open one: those of its first and of its last sample. Few need a second round. So no
+ * branch depends on one group's samples, and the groups of a round do not wait for each other.
  */
 static void group_by_child(struct square_block *block, uint32_t level,
                            const struct sample_groups *from, struct sample_groups *to,

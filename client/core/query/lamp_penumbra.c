@@ -173,7 +173,7 @@ static struct place place_of(const struct receiver *r, double x, double y)
     return place;
 }
 
-/* Returns whether a coordinate lies in the face's frustum; false for NaN. */
+/* Returns whether a texel coordinate lies inside a face's frustum; false for NaN. */
 static bool is_inside(double at, double size)
 {
     return at >= 0 && at < size;
@@ -191,8 +191,9 @@ struct search {
  * Returns the least difference of q at which an occluder in column (x, y) is before the light;
  * INFINITY if it never is, since the column lies behind the light.
  *
- * With (a, b) the place that the column has on the light when g = 1 and all rays were parallel, an
- * occluder at g lies before the light's point (a, b) / (g + a h0 + b h1), where h is `shift`.
+ * Let g be the difference of q, and (a, b) the point of the light before which the column would lie
+ * if g were 1 and all rays were parallel. An occluder at g lies before the light's point (a, b) /
+ * (g + a h0 + b h1), where h is `shift`.
  */
 static double gap_of(const struct receiver *r, int64_t x, int64_t y)
 {
@@ -204,7 +205,8 @@ static double gap_of(const struct receiver *r, int64_t x, int64_t y)
     return is_front ? fmax(near - a * r->shift[0] - b * r->shift[1], 0) : INFINITY;
 }
 
-/* Returns the last voxel of a face whose centre is at W or before; below 0: none. */
+/* Returns the last voxel of a column in a face whose centre is at W or nearer to the light; below
+ * 0: none. */
 static double limit_of(const struct face *face, double w)
 {
     return fmax(fmin(floor((w - face->offset) / face->scale - 0.5), face->size - 1), -1);
@@ -247,8 +249,9 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
     }
 }
 
-/* Returns whether no column up to `outer` texels away has a blocker at W or before. Where columns
- * stay shadowed and the texels belong to one face, one slice proves that. */
+/* Returns whether no column up to `outer` texels away has a blocker at W or nearer to the light.
+ * Where columns stay shadowed behind their first occluder and the texels belong to one face, one
+ * slice proves that. */
 static bool is_clear(const struct search *s, double w, int64_t outer, struct umb_query_stats *stats)
 {
     const struct face *face = s->r->face;
@@ -293,7 +296,8 @@ struct cache {
     bool is_known;
 };
 
-/* Returns whether a voxel is lit. Voxels outside the frustum are. In: w: W in the place's face. */
+/* Returns whether a voxel is lit. Voxels outside the frustum are lit. In: w: W in the place's
+ * face. */
 static bool is_lit(struct lamp *lamp, const struct place *at, double w, struct cache *cache)
 {
     struct face *face = &lamp->faces[at->number];
@@ -313,7 +317,8 @@ static bool is_lit(struct lamp *lamp, const struct place *at, double w, struct c
                               : cache->place.lit;
 }
 
-/* Moves a place in another face off the receiver's plane as far as that face's voxels need. */
+/* Moves a place in another face away from the receiver's plane, as far as the bias for that face's
+ * voxels requires. */
 static double leave_plane(const struct receiver *r, double w, struct place *at)
 {
     const struct umb_frustum_info *info = r->lamp->faces[at->number].info;
@@ -335,7 +340,8 @@ static double leave_plane(const struct receiver *r, double w, struct place *at)
     return w;
 }
 
-/* Returns whether the light's point whose rays pass the blockers (dx, dy) texels away is seen. */
+/* Returns whether the receiver sees one point of the light: the point whose ray passes the
+ * blockers' distance (dx, dy) texels from the receiver. */
 static bool is_seen(const struct receiver *r, double dx, double dy, double gap, struct cache *cache)
 {
     const double rise = r->has_normal ? dx * r->plane[0] + dy * r->plane[1]
@@ -538,7 +544,8 @@ void umb__lamp_penumbra(const struct umb__query *query, const struct umb_points 
             answers->stats.nodes += occluders->read.nodes;
             answers->stats.bricks += occluders->read.bricks;
             occluders->read = (struct umb_volume_stats){0};
-            occluders->last = UINT32_MAX; /* Counts do not depend on the points before */
+            /* Counts of nodes and bricks do not depend on the points before */
+            occluders->last = UINT32_MAX;
         }
     }
     answers->stats.points += count;

@@ -34,8 +34,8 @@ static uint32_t face_of(const struct umb__query *q, const double p[3], double *w
 }
 
 /*
- * Returns the metres along the unit normal n that keep the plane of the surface behind the whole
- * window.
+ * Returns the length in metres of a move along the unit normal n after which the plane of the
+ * surface is behind the whole window.
  *
  * In the moved point's slice of depth, which is a plane across the axis, a voxel is exactly W times
  * step[0] or step[1] wide. Along the ray it is (p - position) / W times the slice's thickness, and
@@ -129,7 +129,7 @@ static double within(double v, double limit)
     return v > -limit ? (v < limit ? v : limit) : -limit; /* NaN becomes -limit */
 }
 
-/* Fills in the voxel of the moved point. */
+/* Computes the voxel coordinates of the moved point. */
 static void to_voxel(const struct umb__query *q, double w, struct umb__sighting *s)
 {
     const struct umb_frustum_info *face = &q->faces[s->face];

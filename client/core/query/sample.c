@@ -57,7 +57,7 @@ static double *place_of(const struct sampling *s, uint32_t point)
     return s->positions + 3 * (size_t)((uint64_t)point * s->stride % s->settings->count);
 }
 
-/* Returns true unless the static rule leaves a voxel undefined. */
+/* Returns false for a voxel that is undefined under the static rule, else true. */
 static bool is_receiver(const struct sampling *s, const uint32_t voxel[3])
 {
     const uint64_t *mask = s->asset->canonical.content.receiver_mask_cells;
@@ -66,7 +66,7 @@ static bool is_receiver(const struct sampling *s, const uint32_t voxel[3])
                                   s->tree.log2_size, voxel);
 }
 
-/* Returns true if queries look a point up in this voxel, and their answer there has a meaning. */
+/* Returns true if queries look a point up in this voxel, and the voxel is not undefined. */
 static bool is_looked_up_in(const struct sampling *s, const double p[3], const uint32_t voxel[3])
 {
     struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
@@ -98,7 +98,8 @@ static bool draw_at(struct sampling *s, const struct umb__boundary *boundary, do
 
 /* --- over all cells --- */
 
-/* Draws the next point in a cell. Returns false, and the point stays NAN, if no boundary suits. */
+/* Draws the next point in a cell. If no boundary of the cell suits, returns false and leaves the
+ * point NAN. */
 static bool draw_point(struct sampling *s, const struct umb__boundary_cell *cell)
 {
     struct umb__boundary boundary;
@@ -122,8 +123,8 @@ static void begin_point(struct sampling *s)
     s->cell = (uint32_t)(part / s->wanted);
 }
 
-/* Returns true if a cell may hold points whose answers have a meaning: under the static rule, if
- * one of its receiver mask's cells is marked. */
+/* Returns true if a cell may hold points whose answers are defined. Under the static rule that
+ * needs a marked cell of the receiver mask in it. */
 static bool has_receivers(const struct sampling *s, const struct umb__boundary_cell *cell)
 {
     const uint64_t *mask = s->asset->canonical.content.receiver_mask_cells;
@@ -148,8 +149,8 @@ static bool is_cancelled(const struct sampling *s)
     return s->settings->cancelled != NULL && s->settings->cancelled(s->settings->cancel_user);
 }
 
-/* Draws the points that belong to a cell. A point that no boundary suits goes on to the next cell.
- * Returns false if the sample is cancelled. */
+/* Draws the points that belong to a cell. If no boundary of the cell suits a point, the next cell
+ * is tried. Returns false if the sample is cancelled. */
 static bool draw_points(struct sampling *s, const struct umb__boundary_cell *cell)
 {
     while (s->next < s->wanted && s->cell <= s->cells) {
@@ -213,7 +214,8 @@ static bool visit_cells(struct sampling *s)
 
 /* --- the sample --- */
 
-/* Draws the points that may lie anywhere, from number `first` on. */
+/* Draws the points of the sample that may lie anywhere in the box around the casters, from number
+ * `first` on. */
 static void draw_scattered(const struct sampling *s, uint32_t first)
 {
     const struct umb__content *content = &s->asset->canonical.content;
