@@ -81,7 +81,7 @@ void bench_filters_race(const char *name, const struct bench_scene *scene,
             bench_add(&ratios[r], seconds[rows[r].ours] / seconds[rows[r].box]);
         }
     }
-    /* Nearer, a pixel is narrower than a window, which then is its footprint. */
+    /* A pixel nearer to the camera is narrower than a window; its footprint is then the window. */
     for (int r = strcmp(points->name, "gbuffer-overview") == 0 ? 0 : 1; r < ROWS; r++) {
         bench_row(BENCH, name, rows[r].figure, "lower", &ratios[r]);
     }

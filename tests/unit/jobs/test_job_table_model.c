@@ -152,7 +152,7 @@ static void random_work_agrees_with_a_model(void **state)
 
 /* --- killed in the middle --- */
 
-/* Submits and finishes without end, telling each acknowledgement. */
+/* Submits and finishes jobs without end, and reports each acknowledgement. */
 static void work_until_killed(const char *path, int tell)
 {
     struct fixture f = {.table = NULL};
