@@ -63,8 +63,8 @@ $(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_core) -lcmocka -o $@
 
-# The same with one effect compiled out of queries, which are lists of stages and filters; the other
-# sources are the same either way. Compared by tests/system/test_effect_costs.sh.
+# The same program with one effect compiled out of queries. Only the lists of stages and filters
+# depend on that; all other objects are shared. Compared by tests/system/test_effect_costs.sh.
 SWITCHED_SRC := client/core/query/query.c client/core/query/filter.c
 EFFECT_SWITCHES := $(sort $(shell sed -n 's/^.if.*def UMB_WITHOUT_//p' $(SWITCHED_SRC)))
 WITHOUT_BINS := $(EFFECT_SWITCHES:%=$(BUILD)/kernel_count_without_%)
@@ -125,8 +125,8 @@ bench-deep-ways: $(BUILD)/bench_deep_ways ## ways through the lists of deep maps
 	@$<
 .PHONY: bench-deep-ways
 
-# One after the other, whatever -j says: they must not disturb each other. What the first bakes the
-# others use; nothing is kept from one run to the next.
+# Run one after the other, whatever -j says, so that they do not disturb each other. The later ones
+# use the bakes of the first; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
 	@assets=$$(mktemp -d) && trap 'rm -rf "$$assets"' EXIT && \
 	$(BUILD)/bench_bake --size $(SIZE) --assets "$$assets" && \

@@ -306,7 +306,8 @@ class Run:
                 self.collect(child, nodes)
 
     def compare(self):
-        """The recording, replayed whole, must be what lies on the disk: nothing was missed."""
+        """Checks that the recording, replayed completely, gives what lies on the disk: no operation
+        was missed."""
         live = {}
         self.walk(self.root, "", lambda node: node.live, live)
         found = {path: data for path, _, data in snapshot(self.root_path)}

@@ -33,7 +33,8 @@ PARTS = {
     "server/common": [*TOOL, "proto/net/openssl_sha256.h"],
     "server/scene": [*TOOL, "server/common"],
     "server/store": [*TOOL, "server/common"],
-    # Bundles may not be scene files: their magic is all that jobs see of scenes.
+    # Jobs must recognise scene files in bundles, and refuse them: they see the magic of scene files
+    # and nothing else of scenes.
     "server/jobs": [*TOOL, "server/common", "server/scene/scene_file.h"],
     "server/rays": [*TOOL, "server/common", "server/scene"],
     "server/bake": [*TOOL, "server/common", "server/scene", "server/rays"],

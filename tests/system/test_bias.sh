@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# What the automatic bias takes from shadows: false light and false shadow on houses with eaves and
-# recessed doors, under three suns, of what a camera sees where it faces the sun by more than 0.2.
-# Voxels are as wide as those of the town of docs/results/biases.md: 0.09 m. `make bias-table`
-# measures five scenes and the rejected biases.
+# The shadows that the automatic bias loses: false light and false shadow on houses with eaves and
+# recessed doors, under three suns, at points that a camera sees and whose cosine with the sun is
+# above 0.2. Voxels are as wide as those of the town of docs/results/biases.md: 0.09 m. `make
+# bias-table` measures five scenes and the rejected biases.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 "$BUILD/scenegen" houses --size 6 -o "$folder/houses.glb" 2>/dev/null
