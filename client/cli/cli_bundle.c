@@ -277,8 +277,8 @@ static enum umb_status look_for_uris(struct gathering *g, const char *text, size
     return status;
 }
 
-/* Copies the rest of a line after a word, without blanks around it. Returns false if the line
- * begins with another word. */
+/* Copies the rest of a line that begins with a word, without blanks around the rest. Returns false
+ * if the line begins with another word. */
 static bool take_line(const char *line, size_t length, const char *word, char out[PATH_SIZE])
 {
     const size_t skip = strlen(word);

@@ -23,8 +23,8 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
-/* Number of kinds of times in a row of a curve: nanoseconds a point for scattered points, and for
- * neighbouring points. */
+/* Number of times stated for each row of an accuracy curve: nanoseconds a point for scattered
+ * points, and for neighbouring points. */
 #define CURVE_COSTS 2
 
 /* Prints a light's curve as an indented table; prints nothing if it has no rows. In: ns: for each

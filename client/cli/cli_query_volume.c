@@ -30,8 +30,8 @@ struct records {
     struct umb_box_answers *shares;
 };
 
-/* Segments of the batch with more lit intervals than it keeps. They are asked again with room for
- * all intervals, many in one call. */
+/* Segments of the batch with more lit intervals than it keeps. They are queried again with room for
+ * all their intervals, many in one call. */
 struct long_segments {
     uint8_t *ends;
     struct umb_segment_answers answers;
@@ -148,8 +148,8 @@ static bool has_room(const struct job *job, size_t count, size_t most, size_t us
                           (job->client == NULL || room <= job->limits.max_points));
 }
 
-/* Counts the long segments from segment i on that fit into one call, and finds the most intervals
- * of any of them. */
+/* Counts the long segments (struct long_segments) from number i on that fit into one call, and
+ * finds the greatest number of intervals of one of them. */
 static void choose_longs(struct job *job, size_t count, size_t i)
 {
     struct long_segments *longs = &job->longs;
@@ -169,7 +169,8 @@ static void choose_longs(struct job *job, size_t count, size_t i)
     longs->answers.interval_max = most;
 }
 
-/* Asks for the long segments from segment i on once more, as many as fit into one call. */
+/* Queries the long segments (struct long_segments) from number i on once more, as many as fit into
+ * one call. */
 static enum umb_status ask_longs(struct job *job, const struct records *batch, size_t i,
                                  struct umb_error *error)
 {

@@ -93,8 +93,8 @@ static void on_reply(void *user, enum umb_status status, const uint8_t *message,
     pthread_mutex_unlock(&g->source->lock);
 }
 
-/* Returns the most calls that `cut` makes: each has REQUEST_BYTES or UMBW_RANGES_MAX pieces of
- * ranges, except for the last. */
+/* Returns an upper bound for the number of calls that `cut` makes. Each call but the last is full:
+ * it has REQUEST_BYTES bytes or UMBW_RANGES_MAX pieces of ranges. */
 static size_t most_calls(size_t ranges, uint64_t total)
 {
     const size_t full = (size_t)(total / REQUEST_BYTES);

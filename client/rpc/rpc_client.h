@@ -76,8 +76,9 @@ struct umb__call_plan {
     umb__feed_fn feed; /* Source of the requests after the first */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
-    bool flows; /* True for a call of many messages, whose deadline moves with them: see
-                   umb__call_moved */
+    /* True for a call of many messages, each of which moves the call's deadline: see
+     * umb__call_moved */
+    bool flows;
 };
 
 struct umb__call {

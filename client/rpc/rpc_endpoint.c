@@ -263,7 +263,8 @@ static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_s
     if (call->reply.has_grpc_status) {
         on_broken(client); /* The lost connection has paid from the retry budget already */
     }
-    /* A call that has fed requests or delivered messages cannot be repeated. */
+    /* A call cannot be repeated if it has sent further requests by `feed`, or has passed replies to
+     * `take`. */
     if (!has_budget(client) || !call->safe || call->reply.stay_away || call->was_fed ||
         call->reply.take != NULL || call->retries >= client->options.max_retries) {
         return false;

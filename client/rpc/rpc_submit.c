@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes.Submit: hashes the files, then reads them again while they are sent. Flow control asks for
- * one message at a time, and the client's thread blocks while the next piece of a file is read.
+ * Bakes.Submit: hashes the files, then reads them again while they are sent. HTTP/2 flow control
+ * takes one message at a time. The client's thread blocks while it reads the next piece of a file.
  */
 #include "net/openssl_sha256.h"
 #include <errno.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of calls: a blocking caller waits on a condition variable, others get a callback. */
+/* How calls end: a blocking caller waits on a condition variable, an asynchronous caller gets a
+ * callback. */
 #include "base/reserved.h"
 #include "base/try.h"
 #include "rpc_client.h"

@@ -97,7 +97,8 @@ static char *folder_of(const char *path)
     return length == 0 ? strdup(".") : strndup(path, length);
 }
 
-/* Refuses a target that a rename must not replace. Out: info: st_mode 0 = the target is new. */
+/* Refuses a target that a rename must not replace. Out: info: data of the target; st_mode is 0 if
+ * there is no target yet. */
 static enum umb_status check_target(const char *path, unsigned flags, struct stat *info,
                                     struct umb_error *error)
 {

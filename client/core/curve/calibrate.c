@@ -22,7 +22,7 @@ enum {
     POINTS = 32768,    /* Number of points of each kind */
     COLUMN_STEPS = 64, /* Cubes visited along a ray before another ray is tried */
     HARDNESS_MAX = 2,  /* Limit of the extrapolation: the curve's points may be harder than the hard
-                          points, but not much */
+                          points, but not by much */
     RUNS = 7,          /* Runs of each row */
     INTERVALS = 8,     /* Intervals of a run */
     INTERVAL = 1024,   /* Points of an interval, so many that a query's own start hardly counts */
@@ -169,7 +169,8 @@ static void draw_points(struct job *job)
     }
 }
 
-/* Returns the hardness of the curve's points, from easy (0) to hard (1). */
+/* Returns how hard the curve's points are to query, from 0 (as the easy points) to 1 (as the hard
+ * points). */
 static double hardness(const struct job *job)
 {
     const double span = job->hard.lines - job->easy.lines;

@@ -90,8 +90,8 @@ bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 
                      uint8_t entry[UMB__BLOCK_ENTRY]);
 
 /*
- * Checks all blocks of a whole file. Pages and blocks must follow one another without gap or
- * overlap, from the head to the end of the file.
+ * Checks all blocks of a whole file. Pages and blocks must fill the file from the head to its end,
+ * without gap or overlap.
  *
  * Out:   raw_total: bytes of all pages, uncompressed.
  * Fails: E_CORRUPT, E_VERSION.

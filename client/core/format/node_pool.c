@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist once a level
- * (hash-consing). The file also turns a pool into an octree. */
+/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist only once in
+ * each level (hash-consing). The file also turns a pool into an octree. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 
@@ -163,7 +163,7 @@ static int slots_full(const struct umb__pool *pool, const struct umb__pool_level
 }
 
 /* Replaces a table by one twice as large. Words keep their order, so the new table is filled from
- * end to end. */
+ * its beginning to its end. */
 static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots *slots,
                                   struct umb_error *error)
 {

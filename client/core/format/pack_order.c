@@ -141,7 +141,7 @@ static void visit_run(const struct sample *s, struct sampler *sampler, size_t ru
         sampler->status == UMB_OK ? umb__pack_close_page(&sampler->walk) : sampler->status;
 }
 
-/* Visits a sampler's runs of a round. */
+/* Visits the runs that one sampler has in a round. */
 static void run_job(void *user, uint32_t job, unsigned worker)
 {
     const struct sample *s = user;
@@ -323,7 +323,8 @@ static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
     return visit_band(t, &o->roots);
 }
 
-/* Collects the band's roots: those of frusta, and the nodes that the band above led to. */
+/* Collects the band's roots: the roots of frusta, and the nodes to which the band above
+ * referred. */
 static enum umb_status find_roots(struct umb__pack_walk *t, uint32_t band_high,
                                   struct umb__node_list *roots)
 {
@@ -358,7 +359,7 @@ static enum umb_status visit_bands(struct umb__pack_ordering *o, const struct um
     return UMB_OK;
 }
 
-/* Records, for each level, the pages of every 16th ordinal and of the last one. */
+/* Records for each level the page of every 16th ordinal, and of the last one. */
 static enum umb_status make_hints(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;

@@ -41,8 +41,8 @@ struct reader {
     struct umb__page *pages; /* [page count] Parsed pages, which point into raw */
     page_numbers *first; /* [page count] Index in `numbers` of a page's first node of each level */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
-    uint32_t *others; /* Pool numbers of the nodes in other pages to which a level of a page
-                         refers */
+    uint32_t *others; /* Numbers in the pool of the nodes in other pages to which one level of a
+                         page refers */
     uint64_t *leaves; /* Leaves of a page; `others` and `leaves` have room for any page */
     struct umb__pool pool;
 };
@@ -68,7 +68,8 @@ static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct
     return umb__page_expand(zstd, stored, entry, raw, error);
 }
 
-/* Makes the first pass. Out: totals: number of nodes of each level in all parsed pages. */
+/* Makes the first pass: expands and parses all pages. Out: totals: number of nodes of each level in
+ * all pages. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -152,7 +153,7 @@ static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t 
     return UMB_OK;
 }
 
-/* Finds the numbers of the nodes in other pages that a level of a page leads to. */
+/* Finds the pool's numbers of the nodes in other pages to which one level of a page refers. */
 static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 {
     const struct umb__page *page = &r->pages[p];

@@ -72,7 +72,8 @@ UMB_CHECKED enum umb_status umb__pack_visit_root(struct umb__pack_walk *walk,
 /* Ends the open page, if it holds anything. Fails: as umb__pack_visit_root. */
 UMB_CHECKED enum umb_status umb__pack_close_page(struct umb__pack_walk *walk);
 
-/* Undoes all visits of levels below `end` since the order had `page_count` pages. */
+/* Undoes all visits to nodes of levels below `end` that were made since the order had `page_count`
+ * pages. */
 void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end);
 
 /* Makes room for the first ordinals of `needed` pages. Returns false if out of memory. */

@@ -184,7 +184,8 @@ struct umb__page_encoder {
     size_t positions_capacity;
     uint8_t *runs; /* Runs of the bricks */
     size_t runs_capacity;
-    struct umb__value_set table; /* Values: a level's nodes in other pages, or leaves */
+    struct umb__value_set table; /* Set of values: the nodes in other pages that a level refers to,
+                                    or the leaves */
     struct umb__value_set own;   /* The page's nodes of a level, by their number in the octree */
 };
 

@@ -44,7 +44,8 @@ struct recent {
     uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* Last drop by index modulo 8; 0: none yet */
 };
 
-/* Reads the drop of a step. Returns 0 if the drop is cut off or longer than necessary. */
+/* Reads the drop of light at a step of a list. Returns 0 if the drop is cut off or longer than
+ * necessary. */
 static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
@@ -236,7 +237,7 @@ static uint32_t most(uint32_t a, uint32_t b)
     return a > b ? a : b;
 }
 
-/* Counts the voxels of v0..v1 that lie in a texel of 2^shift voxels. */
+/* Returns how many of the voxels v0..v1 on an axis lie in a texel, which is 2^shift voxels wide. */
 static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift)
 {
     const uint32_t first = texel << shift, last = first + (((uint32_t)1 << shift) - 1);

@@ -180,7 +180,8 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
     }
 }
 
-/* Returns the intersection of slice and scene along an axis; if it is empty, the slice's extent. */
+/* Computes the part of the slice's extent along an axis that meets the scene; if no part does, the
+ * slice's whole extent. */
 static struct extent shared(const struct fitting *fit, int axis)
 {
     struct extent e = {fmax(fit->slice[axis].low, fit->scene[axis].low),

@@ -33,8 +33,8 @@ double umb_map_exponent_limit(enum umb_map_format format, int moments)
     if ((format != UMB_MAP_F32 && format != UMB_MAP_F16) || (moments != 1 && moments != 2)) {
         return 0.0;
     }
-    /* The greatest channel is exp(moments c), since depth is at most 1. Its logarithm stays 0.1
-     * below that of the format's greatest number, as room for rounding and filter weights. */
+    /* The greatest channel value is exp(moments * c), since depth is at most 1. Its logarithm stays
+     * 0.1 below that of the format's greatest number, as room for rounding and filter weights. */
     const double most = format == UMB_MAP_F32 ? 3.402823e38 : UMB__HALF_MAX;
     return (log(most) - 0.1) / (double)moments;
 }

@@ -83,8 +83,8 @@ struct umb__technique {
     int filterable;
     const char *plain; /* Name in messages of channels of -1..1, which are stored as F32 or U16;
                           NULL: `check` tests the format */
-    /* Checks the settings whose enums (format, access) have known values. NULL: nothing is left to
-     * check. */
+    /* Checks the settings of a map; format and access are known values already. NULL: nothing is
+     * left to check. */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
     /* For filterable techniques: number of channels of a texel, and number added for each of
      * settings.terms */

@@ -67,7 +67,7 @@ static void values_at(const struct polynomials *p, double z, double *values)
     }
 }
 
-/* Returns the mass of the extremal distribution at a place z. */
+/* Returns the mass at a place z of the distribution that attains the bounds (moment_bound.h). */
 static double mass_at(const struct polynomials *p, double z)
 {
     double values[DEGREE_MAX + 1], sum = 0.0;

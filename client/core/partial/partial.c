@@ -15,7 +15,8 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Bytes reserved for links: of a new page, and of pages that it is the first to refer to. */
+/* Bytes kept free for links when a page is added: for the page's own links, and for those of
+ * missing pages to which it is the first to refer. */
 #define ROOM_FOR_LINKS 4096U
 
 /* --- memory budget ---------------------------------------------------------------------------- */

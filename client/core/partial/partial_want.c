@@ -41,7 +41,8 @@ enum {
     STEPS_MIN = 1024,
 };
 
-/* Benefit of everything below a root that the walk does not reach; any positive value would do. */
+/* Benefit of everything below a root to which the walk does not come; any positive value would
+ * do. */
 #define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
@@ -118,9 +119,9 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     }
     const bool absent = (cube->child & UMB__ABSENT) != 0;
     if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
-        /* An earlier walk from another cube of this node found everything below the node. With
-         * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
-         * more than four times as great is worth a second walk. */
+        /* An earlier visit, to another cube that has the same node, found everything below the
+         * node. With max_error_rad a cube that appears larger may need finer cells. Without it,
+         * only a benefit more than four times as great is worth a second walk. */
         float *best = &p->seen[cube->level][cube->child];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {

@@ -37,7 +37,7 @@ static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_e
     }
 }
 
-/* Fills in the window texel by texel, each with its own look-up. */
+/* Fills in the explanation's window, texel by texel, with a look-up for each. */
 static void draw_window(const struct umb__query *q, const struct umb__window *window,
                         struct umb_explanation *e)
 {
@@ -194,7 +194,8 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
     }
     const bool is_wide = q.face_count > 0 && q.filter == UMB_FILTER_PENUMBRA;
-    if (q.footprint_inner != NULL || is_wide) { /* The window is explained as without the filter */
+    if (q.footprint_inner != NULL || is_wide) { /* With this filter, the window is explained as
+                                                   without it */
         const struct umb_points one = umb__some_points(points, index, 1);
         (void)answer_one(&q, q.run, &one, explanation);
         explanation->filter = q.filter;

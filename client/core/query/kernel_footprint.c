@@ -107,7 +107,8 @@ static void look_up_alone(const struct chunk *chunk, struct umb__receivers *r, u
     r->mean[1][i] = sums[1] / SAMPLES;
 }
 
-/* Answers the squares of a block of receivers. In: at: its first point's place in the chunk. */
+/* Answers the squares of a block of receivers. In: at: place of the block's first point in the
+ * chunk. */
 static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
     struct umb__receivers *r = &chunk->receivers;
@@ -128,7 +129,8 @@ static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_st
     }
 }
 
-/* Lists the points of a block that need their window, and counts the others. In: at: as above. */
+/* Lists the points of a block that need their window answered, and counts the other points in the
+ * statistics. In: at: place of the block's first point in the chunk. */
 static void list_windows(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
     const struct umb__receivers *r = &chunk->receivers;

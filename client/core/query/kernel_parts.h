@@ -25,8 +25,8 @@ struct umb__block {
 /* The level-5 cells that a block's windows touch. The cells of a point's window have the slots 4 *
  * of[point] + right + 2 * down, where right and down are 0 or 1. */
 struct umb__cells {
-    uint8_t of[UMB__BLOCK];               /* By window: the window whose slots it uses, its own or
-                                             that of an earlier one in the same cell */
+    uint8_t of[UMB__BLOCK];               /* For each window: number of the window whose slots it
+                                             uses: itself, or an earlier window in the same cell */
     uint16_t slot[4 * UMB__BLOCK];        /* List of the slots whose cells are not found yet */
     const uint64_t *node[4 * UMB__BLOCK]; /* By slot: node reached, or a uniform one */
     uint8_t steps[4 * UMB__BLOCK];        /* By slot: number of nodes visited */
@@ -46,7 +46,7 @@ static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t l
     return ((size_t)x >> level) + (((size_t)y >> level) << g) + (((size_t)z >> level) << (2 * g));
 }
 
-/* umb__column_piece of a column's eight bytes, without branches. */
+/* Does what umb__column_piece does, from a column's eight bytes and without branches. */
 static inline uint32_t umb__piece_of(uint64_t column, uint32_t z)
 {
     uint32_t first = (uint32_t)column, low = (uint32_t)(column >> 32) & 0xffff;
@@ -65,7 +65,7 @@ static inline uint32_t umb__count_bits(uint64_t bits)
     return (uint32_t)__builtin_popcountll(bits);
 }
 
-/* Bit of a wide node's child of `level` around a voxel. */
+/* Returns the bit, in a wide node's masks, of the child of `level` that contains a voxel. */
 static inline unsigned umb__child_bit(int32_t x, int32_t y, int32_t z, uint32_t level)
 {
     return ((uint32_t)x >> level & 3) | ((uint32_t)y >> level & 3) << 2 |

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RECEIVERS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RECEIVERS_H
 /* Steps of kernel_squares_body.h over the receivers of a block (receivers.h). Each is a loop over
- * all lanes without branches; lanes without a point hold those of the last one. */
+ * all lanes without branches; lanes without a point hold the values of the last point. */
 #include "query/perspective.h"
 #include "query/receivers.h"
 

@@ -10,9 +10,9 @@ static inline __m512i umb__load_sixteen(const int32_t *at)
     return _mm512_loadu_si512(at);
 }
 
-/* Returns the bits in which each of sixteen points differs on an axis from the point before it. In
- * and out: before: on entry the sixteen coordinates before these points, on return those of these
- * points. */
+/* Returns, for one axis, the coordinate bits in which each of sixteen points differs from the point
+ * before it. In and out: before: on entry the sixteen coordinates before these points, on return
+ * those of these points. */
 static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
 {
     const __m512i here = umb__load_sixteen(axis);
@@ -168,7 +168,7 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
     }
 }
 
-/* Returns the number of runs that these heads stand for. */
+/* Returns the number of runs for which the given heads stand. */
 static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_t heads)
 {
     if (!runs->merged) {
@@ -296,7 +296,8 @@ static inline void umb__read_runs_avx512(struct umb__block *block, const struct 
     }
 }
 
-/* Finds the children of `level` that contain eight heads, as 63 - umb__child_bit. */
+/* Finds for each of eight heads the child of `level` that contains it, as 63 minus the child's bit
+ * (umb__child_bit). */
 static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t h, uint32_t level)
 {
     const __m128i shift = _mm_cvtsi32_si128((int)level);

@@ -124,8 +124,9 @@ static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_
     return count;
 }
 
-/* Groups the samples of the open points by their first cubes, in rounds as group_by_child does. The
- * cubes of a point are told apart by the lowest two bits of their places: enough for four cubes. */
+/* Groups the samples of the open points by their first cubes, in rounds as group_by_child does. On
+ * each axis the lowest two bits of a cube's place tell the cubes of a point apart, since these are
+ * at most four. */
 static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
                              uint32_t count)
 {
@@ -192,8 +193,8 @@ static void group_by_cube(const struct umb__receivers *receivers, struct square_
     to->count = left;
 }
 
-/* Settles the samples of groups in uniform children of `level`. Returns the number of groups with
- * others, which are open. */
+/* Settles those samples of the groups that lie in uniform children of `level`. Returns the number
+ * of groups that have other samples, the open groups. */
 static uint32_t settle_children(struct square_block *block, uint32_t level,
                                 const struct sample_groups *from)
 {
@@ -217,7 +218,7 @@ static uint32_t settle_children(struct square_block *block, uint32_t level,
     return count;
 }
 
-/* Adds a group of one child of a node. */
+/* Adds a group for one child of a node. */
 UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to, uint32_t at,
                            uint32_t p, uint64_t samples, const uint64_t *node, uint32_t child)
 {

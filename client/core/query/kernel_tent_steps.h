@@ -59,8 +59,9 @@ static inline uint64_t umb__count_each_byte(uint64_t bits)
     return (bits + (bits >> 4)) & UINT64_C(0x0f0f0f0f0f0f0f0f);
 }
 
-/* Returns the weight of the lit texels of a window. In: side: bricks on each axis; brick: those
- * bricks. The products' upper words are sums of four weighted rows; no sum reaches 2^16. */
+/* Returns the weight of the lit texels of a window. In: side: number of bricks on each axis. brick:
+ * the bricks that the window touches. The upper words of the products are sums of four weighted
+ * rows; no sum reaches 2^16. */
 UMB__INLINE uint32_t umb__weigh_one(const struct umb__tent *tent, struct umb__voxel at,
                                     uint32_t side, const uint64_t *const *brick)
 {

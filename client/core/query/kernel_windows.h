@@ -14,7 +14,7 @@
 #include "query/kernel_window_steps.h"
 
 /* Lists the level-5 cells that the windows touch. With `share`, consecutive windows that begin in
- * one cell use the same slot, which then lists all cells that any of these windows touches. */
+ * the same cell share slots; the slots then have all cells that any of these windows touches. */
 UMB__INLINE uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
                                 bool share, struct umb__cells *cells)
 {
@@ -240,7 +240,8 @@ static bool stage_is_due(uint32_t *idle)
     return *idle == 0;
 }
 
-/* Returns for how many blocks to skip a stage; 0 if it settled more than `few` windows. */
+/* Returns the number of blocks for which a stage is to be skipped; 0 if it settled more than `few`
+ * windows in this block. */
 static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
     bool idle = before != 0 && umb__count_bits(before & ~after) <= few;

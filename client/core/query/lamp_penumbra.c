@@ -354,7 +354,8 @@ static bool is_seen(const struct receiver *r, double dx, double dy, double gap, 
     return is_lit(r->lamp, &at, w, cache);
 }
 
-/* Returns the share of the light's points that the receiver sees past blockers at `gap`. */
+/* Returns the share of the light's points that the receiver sees, if `gap` is the difference of q
+ * between the blockers and the receiver. */
 static double share_of(const struct receiver *r, double gap, const double width[2])
 {
     const struct lattice *lattice = &r->lamp->lattice;
@@ -444,7 +445,7 @@ static void set_plane(struct receiver *r, const double from[3])
     }
 }
 
-/* Sets up how far the receiver is from the texels of other faces. */
+/* Computes the distance, in texels, from the receiver to the texels of other faces. */
 static void set_territory(struct receiver *r)
 {
     const struct umb__query *q = r->lamp->q;

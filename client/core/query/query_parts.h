@@ -175,8 +175,8 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 
 /*
  * Shift of a look-up in depth, in voxels. The receiver's plane falls by slope[0] and slope[1]
- * voxels of depth a texel on x and y; the shift counts from its depth at the centre of the point's
- * texel.
+ * voxels of depth for each texel on x and y. The shift counts from the plane's depth at the centre
+ * of the point's texel.
  */
 struct umb__lift {
     double depth;    /* Towards the light */

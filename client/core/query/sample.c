@@ -46,7 +46,8 @@ struct sampling {
     uint32_t next, cell; /* Its number, and that of its cell */
     uint32_t misses;     /* Number of cells where it was not found */
     struct umb__draws draws;
-    uint32_t stride;   /* Step between the places of points, prime to their number */
+    uint32_t stride;   /* Step between the places of consecutive points in the sample; it has no
+                          common divisor with their number */
     double *positions; /* [3 * settings->count]; NAN at first */
 };
 
@@ -84,7 +85,8 @@ static bool is_looked_up_in(const struct sampling *s, const double p[3], const u
     return is_receiver(s, voxel);
 }
 
-/* Draws a point in one of a boundary's voxels. Returns false if queries do not answer from it. */
+/* Draws a point in one of a boundary's two voxels. Returns false if a query of the point does not
+ * read that voxel. */
 static bool draw_at(struct sampling *s, const struct umb__boundary *boundary, double p[3])
 {
     const uint32_t *voxel = umb__draw(&s->draws) & 1 ? boundary->lit : boundary->shadowed;
@@ -233,8 +235,8 @@ static void draw_scattered(const struct sampling *s, uint32_t first)
     }
 }
 
-/* Returns the step between the places of `count` points: near the golden ratio of their number, and
- * prime to it. */
+/* Returns the step between the places of consecutive points in a sample of `count`: about 0.618 of
+ * `count`, without a common divisor. */
 static uint32_t stride_of(uint32_t count)
 {
     for (uint32_t stride = (uint32_t)(0.618 * count) + 1;; stride++) {

@@ -79,7 +79,7 @@ static inline void umb__volume_to_voxel(const struct umb__volume *volume, const 
     }
 }
 
-/* Does what umb_segments_check does for pairs of corners; error messages call them boxes. */
+/* Does what umb_segments_check does, for pairs of corners; error messages say "boxes". */
 UMB_CHECKED enum umb_status umb__corners_check(const struct umb_segments *corners,
                                                struct umb_error *error);
 
