@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage query: batches of points go through a ring of slots; answers come in order.
+ * umbrage query: batches of points go through a ring of slots, and answers are written in order.
  *
  * Each slot reads a batch, starts the query, waits for it and writes the answers. With a daemon
  * several slots are under way at once; a file answers at once. Memory is bounded by slots times the

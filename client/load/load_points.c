@@ -250,10 +250,10 @@ static enum umb_status fill(const struct hunt *hunt, const struct umb_box *bound
 /*
  * Replaces a pool of random points by points at shadow boundaries.
  *
- * Each point comes from a segment between a lit and a shadowed random point, halved 14 times. Its
- * distance from the boundary is at most 1/16384 of the bounds' size. Segments that cross no
- * boundary are drawn anew, a few times. Fails: as the service; E_NOT_FOUND (fewer than one segment
- * in a thousand crosses a boundary).
+ * Each point comes from a segment between a lit and a shadowed random point, which is halved 14
+ * times. Its distance from the boundary is at most 1/16384 of the bounds' size. Segments that cross
+ * no boundary are drawn anew, a few times. Fails: as the service; E_NOT_FOUND (fewer than one
+ * segment in a thousand crosses a boundary).
  */
 static enum umb_status find_boundaries(struct umb_client *client,
                                        const struct umbc_load_source *source,

@@ -172,8 +172,8 @@ static void stop_everything(struct umb_client *client)
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
-/* Takes over the other threads' input: new streams, streams to end (unlinked into *ended), calls,
- * and the numbers to cancel. */
+/* Takes over what other threads have put in: new streams, streams to end (moved to *ended), calls,
+ * and the numbers of calls to cancel. */
 static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
                        struct umb_client_stream **ended, struct umb__cancel **cancels)
 {

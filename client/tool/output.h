@@ -68,7 +68,8 @@ void umbu_output_abandon(struct umbu_output *output);
 struct umb_sink umbu_output_sink(struct umbu_output *output);
 
 /*
- * Completes the error of a core writer, which knows only that its sink failed.
+ * Completes the error message of a writer function of the core, which knows only that its sink
+ * failed.
  *
  * In: status: result of the writer. error: if the writer made a message, the message stays. Returns
  *     the status.

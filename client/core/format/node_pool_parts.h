@@ -21,8 +21,8 @@
 
 #define UMB__SLOT_EMPTY UINT64_C(0) /* Zero, as fresh pages are */
 
-/* Returns the first slot of a tag's probe sequence. In: slots: log2_size is 0 while there are
- * none. */
+/* Returns the first slot of a tag's probe sequence. In: slots: a table; its log2_size is 0 while it
+ * has no slots. */
 static inline size_t umb__slot_place(const struct umb__hash_slots *slots, uint32_t tag)
 {
     return (size_t)(((uint64_t)tag << slots->log2_size) >> 32);

@@ -244,7 +244,7 @@ static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift
     return least(v1, last) - most(v0, first) + 1;
 }
 
-/* Returns a bit for each of the texels t0..t1 that lie in block `block` of eight texels. */
+/* Returns a mask of those texels among t0..t1 that lie in block `block` of eight texels. */
 static uint32_t bits_in_block(uint32_t t0, uint32_t t1, uint32_t block)
 {
     const uint32_t first = most(t0, 8 * block) & 7, last = least(t1, 8 * block + 7) & 7;

@@ -330,7 +330,7 @@ struct place {
     uint32_t nearer;
 };
 
-/* In: stride: deep->stride, constant where it is inlined. */
+/* In: stride: deep->stride, a constant where the function is inlined. */
 static inline struct umb__deep_list list_at(const struct umb__deep *deep, size_t stride, int64_t x,
                                             int64_t y)
 {

@@ -10,7 +10,7 @@
  * place z is at most the squared norm of the last polynomial divided by (z - 1)^2K. At this
  * distance the mass is below 2e-13 for K = 2, and below 4e-11 for larger K: negligible. */
 #define FAR   1024.0 /* For quadratic polynomials */
-#define REACH 32.0   /* For the others: a shorter search for their roots */
+#define REACH 32.0   /* Limit for larger K: it shortens the search for their roots */
 
 /* Monic orthogonal polynomials: p0 = 1, p(k+1) = (z - centre[k]) pk - pull[k] p(k-1). */
 struct polynomials {

@@ -51,7 +51,8 @@ static void *resize(void *user, void *block, size_t bytes)
     return made + PREFIX;
 }
 
-/* Starts a meter, and makes an allocator that goes through it. In: meter: its address must stay. */
+/* Starts a meter of allocated bytes, and makes an allocator that counts with it. In: meter: must
+ * stay at its address. */
 static void meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
                        struct umb_alloc *alloc)
 {
@@ -61,8 +62,8 @@ static void meter_init(struct umb__meter *meter, const struct umb_alloc *inner, 
 
 /* --- the page of least benefit ---------------------------------------------------------------- */
 
-/* The page is found without a scan, by a heap. The heap is rebuilt when benefits have changed.
- * Entries of dropped pages stay in it until they reach the top. */
+/* The page of least benefit is found by a heap, without a scan. The heap is rebuilt when benefits
+ * have changed. Entries of dropped pages stay in it until they reach the top. */
 
 /* Returns true if page a is dropped before page b: a has less benefit, or the same benefit and a
  * later place in the file. */

@@ -100,7 +100,7 @@ static void want_marked(struct umb_partial *p)
     }
 }
 
-/* Visits a cube and, if the view needs more than the cube shows, its children. Recursion ends at
+/* Visits a cube and, if the view needs finer cells than this cube, its children. Recursion ends at
  * bricks, since levels descend. In: above: benefit of the cube's parent. */
 static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {

@@ -15,7 +15,8 @@ static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, 
     }
 }
 
-/* Walks from the grid to the node that settles the centre tap, and records each step. */
+/* Walks from the grid to the node that decides the answer of the window's centre, and records each
+ * step. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
     const struct umb__tree tree = umb__tree_of(q);

@@ -109,7 +109,7 @@ static inline void umb__enter_columns(const struct umb__query *q, struct umb__de
 }
 
 /*
- * Looks into the node of point k of the list, for the child that contains the point. Returns the
+ * Looks in the node of point k of the list for the child that contains the point. Returns the
  * list's new end. The masks are shifted until the child's bit is the highest one. That bit is then
  * the child's state, and the number of bits left in `mixed` gives the place of the child's number
  * in the node. For a child that is not mixed the read stays within the node and is discarded.

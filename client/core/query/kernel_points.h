@@ -18,8 +18,8 @@ struct umb__common {
     bool found;            /* True: `cube` is around all points; false: each descent begins at the
                               point's column */
     struct umb__cube cube; /* Cube at which the descent of each point begins */
-    struct umb__cube last; /* Smallest cube with a node around the last block that had such a cube;
-                              level 0: none yet */
+    struct umb__cube last; /* Smallest mixed cube around all points of the latest block that had
+                              one; level 0: none yet */
 };
 
 /* Settles a whole block. */

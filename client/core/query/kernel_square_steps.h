@@ -37,7 +37,7 @@ static const double umb__lattice[2][UMB__SQUARE_SAMPLES] __attribute__((aligned(
      UMB__EACH(24), UMB__EACH(28)},
 };
 
-/* Index of each sample's child in a node of one level. */
+/* For each sample, the index of the child that contains it, in a node of one level. */
 struct umb__child_bytes {
     _Alignas(64) uint8_t of[UMB__SAMPLES];
 };

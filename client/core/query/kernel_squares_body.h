@@ -84,7 +84,7 @@ static void choose_start(struct square_block *block)
     block->level = block->pieces ? column : cell;
 }
 
-/* Finds the place of the value of the first cube around a sample. */
+/* Returns the address of the value of a sample's first cube, at which the descent begins. */
 static const uint32_t *find_cube(const struct square_block *block,
                                  const struct umb__samples *samples, uint32_t k)
 {
@@ -100,7 +100,8 @@ static const uint32_t *find_cube(const struct square_block *block,
     return q->pieces + umb__piece_of(column, (uint32_t)z >> level);
 }
 
-/* Makes groups of the samples of a point whose squares are wide: sample by sample. */
+/* Groups the samples of a point by their first cubes, for a point with wide squares: compares each
+ * sample with all others. */
 static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_groups *to,
                           uint32_t count)
 {
@@ -159,7 +160,8 @@ static uint32_t list_compact(struct square_block *block, uint32_t open, struct s
     return count;
 }
 
-/* Settles the samples in uniform first cubes, and makes groups of the others. */
+/* Settles the samples whose first cube, at which the descent begins, is uniform, and makes groups
+ * of the other samples. */
 static void group_by_cube(const struct umb__receivers *receivers, struct square_block *block,
                           struct sample_groups *to, struct umb_query_stats *stats)
 {

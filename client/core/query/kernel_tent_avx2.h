@@ -5,7 +5,7 @@
 #include <immintrin.h>
 #include "query/kernel_tent_steps.h"
 
-/* Weighted bits of each byte: a set bit weighs 1 << plane. */
+/* Returns, for each byte, the number of set bits times 1 << plane. */
 UMB__INLINE __m256i umb__weigh_bytes_avx2(__m256i words, uint32_t plane)
 {
     const __m256i low = _mm256_set1_epi8(15);

@@ -51,7 +51,7 @@ static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)
     }
 }
 
-/* Returns the bits set in each byte of a word. */
+/* Returns the number of set bits in each byte of a word. */
 static inline uint64_t umb__count_each_byte(uint64_t bits)
 {
     bits -= bits >> 1 & UINT64_C(0x5555555555555555);

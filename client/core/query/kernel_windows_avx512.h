@@ -78,7 +78,7 @@ static inline void umb__spread_settled_avx512(struct umb__block *block,
     }
 }
 
-/* Bits set in each byte of eight words. */
+/* Returns the number of set bits in each byte of eight words. */
 static inline __m512i umb__count_bytes(__m512i words)
 {
     const __m512i low = _mm512_set1_epi8(15);
@@ -136,7 +136,7 @@ UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks
     }
 }
 
-/* Weighted bits of each byte of eight words: a set bit weighs 1 << plane. */
+/* Returns, for each byte of eight words, the number of set bits times 1 << plane. */
 UMB__INLINE __m512i umb__weigh_bytes(__m512i words, uint32_t plane)
 {
     const __m512i low = _mm512_set1_epi8(15);

@@ -19,14 +19,15 @@
 /* Least ratio of the light's two extents as the receiver sees it, edge-on or long and narrow. */
 #define THIN 0x1p-10
 
-/* Least value of 1 - q W.d. Smaller ones belong to receivers as near as the light is large. */
+/* Least value of 1 - q W.d (lamp_penumbra.h). Smaller values occur only if the receiver is as near
+ * to the light as the light is large. */
 #define NEAR_MIN 0.125
 
 /* Share of the way to a point of the light at which the last look-up is made. */
 #define BEFORE_LIGHT 0.998
 
-/* Points of the light: L + a[i] * first + b[i] * second, where first and second are the light's
- * half axes. */
+/* A lattice of points on the light: point i is L + a[i] * first + b[i] * second, where L is the
+ * light's position, and first and second are its half axes. */
 struct lattice {
     double a[UMB__LAMP_SAMPLES], b[UMB__LAMP_SAMPLES];
 };

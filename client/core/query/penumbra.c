@@ -41,7 +41,8 @@ static double limit_of(const struct search *s, double gap)
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Returns the depth in voxels over which the cone grows to texel `texel` on an axis. */
+/* Returns the depth in voxels over which the cone of the light's rays widens on an axis until it
+ * reaches texel `texel`. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;

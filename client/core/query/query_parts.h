@@ -81,7 +81,8 @@ struct umb__query {
     /* Translucent casters (transmittance_stage.c). */
     const struct umb__trans *trans; /* Transmittance maps; NULL: the stage is left out */
     int32_t transmittance_taps;     /* Width in voxels of the box whose transmittance is averaged */
-    int32_t transmittance_bias_taps;  /* Number of taps whose bias moves points for that box */
+    int32_t transmittance_bias_taps;  /* Number of taps of a window whose bias moves the points for
+                                         that box */
     double transmittance_no_normal_m; /* Bias no_normal_m for that box */
     /* The static rule (receiver_mask_stage.c). */
     const uint64_t *receiver_mask_cells; /* Mask of the frustum; NULL: the stage is left out */

@@ -85,8 +85,8 @@ enum umb_map_access {
 /* Relation of an answer to the true share of the filter's texels that let light through. */
 enum umb_map_bound {
     UMB_MAP_EXACT = 0,   /* Equal to that share */
-    UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed), with a
-                            contrast of at most 1 */
+    UMB_MAP_UPPER_BOUND, /* Answers are not below that share by more than `slack` (light may bleed),
+                            with a contrast of at most 1 */
     UMB_MAP_ESTIMATE,    /* Neither: may be above or below */
 };
 
