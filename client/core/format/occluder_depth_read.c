@@ -25,7 +25,7 @@ static bool in_range(const struct checker *c, int64_t value)
     return value >= 0 && value <= (int64_t)1 << c->log2_size;
 }
 
-/* Returns false for a plane whose c is so large that sums could overflow. */
+/* Returns false for a plane whose constant term is so large that sums could overflow. */
 static bool plane_is_sane(const uint32_t *plane)
 {
     const int32_t high = (int32_t)plane[1];

@@ -121,8 +121,8 @@ static bool allocate_tables(struct reader *r)
     return r->others && r->leaves;
 }
 
-/* Checks the counts, and allocates numbers and tables. In: totals: nodes of all pages, copies
- * included. No count may exceed its total. */
+/* Checks the canonical block's counts of nodes, and allocates numbers and tables. In: totals: nodes
+ * of each level in all pages, copies included; no count may exceed the total of its level. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
 {

@@ -146,7 +146,8 @@ struct place {
     double direction[3]; /* From the light, where W = 1 in the receiver's face */
 };
 
-/* Finds the face that answers at (x, y) of the receiver's map, by the rule for points. */
+/* Finds the face that answers at (x, y) of the receiver's map, by the rule for points
+ * (perspective.h). */
 static struct place place_of(const struct receiver *r, double x, double y)
 {
     const struct lamp *lamp = r->lamp;

@@ -115,8 +115,8 @@ static bool draw_point(struct sampling *s, const struct umb__boundary_cell *cell
     return false;
 }
 
-/* Gives the next point its random numbers and a cell. The points divide the cells into equal
- * parts. */
+/* Draws a cell for the next point. The cells are divided into as many equal parts as there are
+ * points, and each point gets a cell of its own part. */
 static void begin_point(struct sampling *s)
 {
     s->draws = umb__draws_of(s->settings->seed, s->next);

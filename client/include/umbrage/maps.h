@@ -161,8 +161,8 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width;     /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. With
-                         BASE access only the biases use it */
+    double width;     /* Width in texels, 1..64; 0 = 1. For boxes on PCF and DEEP an odd integer.
+                         With BASE access only the biases use the width */
     uint32_t samples; /* Number of POISSON samples, 1..64 */
     double bias_m;    /* Metres towards the light, 0..1e6 */
     /* Slope bias, 0..100, as a multiple of the depth that the receiver's plane gains over half the
@@ -176,8 +176,9 @@ struct umb_map_filter {
      * with SAT, and for any map with keep_depth. */
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
-    double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6.
-                         Above 1 answers fall, and are no upper bounds any more */
+    double contrast;  /* VSM, LVSM, EVSM: contrast C in sigma^2 / (sigma^2 + C (t - mu)^2), at most
+                         1e6; 0 stands for 1. Above 1 answers are darker, and are no upper bounds
+                         any more */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
