@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Points before a lamp, answered by a bake, against brute force in long double:
+ * Compares a bake's answers for points before a lamp with brute force in long double:
  *
  *     lamp_check SCENE ASSET SEED POINTS
  *

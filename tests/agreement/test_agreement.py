@@ -166,7 +166,7 @@ with test.check("floats beside an origin and the same doubles agree"):
 
 
 def mean_of_lookups(name, path, count):
-    """n x n windows against n x n single look-ups, moved by whole voxels and by nothing else."""
+    """Compares n x n windows with n x n single look-ups, moved by whole voxels and by no bias."""
     frame = voxel_frame(path)
     rng = random.Random(SEED)
     size = frame["size"]

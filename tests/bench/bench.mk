@@ -117,7 +117,7 @@ bench-orders: $(BUILD)/bench_orders ## orders of the leaves under a window, on t
 	@$<
 .PHONY: bench-orders
 
-# The paper's linked lists against arrays, links and streams.
+# Races the paper's linked lists with arrays, links and streams.
 $(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
@@ -151,8 +151,8 @@ bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_querie
 		$(BUILD)/bench_volume_queries $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
 .PHONY: bench-volume-queries
 
-# Far views: footprints, and MRAA and VOAA of Sintorn et al. 2014, against the mean over a pixel. The
-# levels of MRAA are bakes of their own.
+# Far views: compares footprints, and MRAA and VOAA of Sintorn et al. 2014, with the mean over a
+# pixel. The levels of MRAA are bakes of their own.
 $(BUILD)/far_views: $(BUILD)/tests/bench/far_views.o $(BUILD)/tests/bench/far_modes.o $(BUILD)/tests/bench/bench_report.o \
 		$(BENCH_STUDY) $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Footprints and tents against boxes; see bench_filters.h. In a run each query answers all points,
- * one right after the other, on one core, in CPU time of the thread. */
+/* Races footprints and tents with boxes; see bench_filters.h. In a run each query answers all
+ * points, one right after the other, on one core, in CPU time of the thread. */
 #include "bench_filters.h"
 
 #include <stdlib.h>

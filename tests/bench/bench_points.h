@@ -22,8 +22,9 @@
 struct bench_points {
     const char *name; /* "gbuffer", "gbuffer-overview" or "random" */
     size_t count;
-    float *at[3];              /* [3 * count] for 1, 9 and 17 taps */
-    float *surface, *normals;  /* [3 * count] before the bias, for who moves them himself */
+    float *at[3]; /* [3 * count] for 1, 9 and 17 taps */
+    /* [3 * count] before the bias, for parties that apply the bias themselves */
+    float *surface, *normals;
     struct umbt_camera camera; /* of a picture */
 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-query: the product's queries against a 16-bit shadow map and against rays.
+ * bench-query races the product's queries with a 16-bit shadow map and with rays.
  *
  * All parties get the same float points, already moved off their surfaces, and write one float a
  * point. In a run each does all points, one right after the other, on one core, in CPU time of the

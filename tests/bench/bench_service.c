@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-service: the daemon against other protocols (bench_protocol.h), and against the library in
+ * bench-service races the daemon with other protocols (bench_protocol.h), and with the library in
  * process.
  *
  * The row pcf9-65536, points_vs_in_process is a ratio. The numerator is the points a second that

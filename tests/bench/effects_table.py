@@ -44,7 +44,7 @@ def run(*words):
 
 
 def plan_of(scene, *options):
-    """{effect: (state, reason)} and what else --plan says, or None."""
+    """Returns {effect: (state, reason)} and the rest of the output of --plan, or None."""
     found = run("umbrage-bake", scene, "--plan", "--json", "--quiet", *options)
     if found is None:
         return None
@@ -102,7 +102,8 @@ def figures(scene, points, resolution, folder, *options):
 
 
 def compare(scene, effects, points, resolution, folder):
-    """Cells as planned, and (effect, cells on, cells off) of each effect that can be turned."""
+    """Table cells of the asset as planned, and (effect, cells with it, cells without it) for each
+    effect that can be switched."""
     planned, rows = figures(scene, points, resolution, folder), []
     for name, other in TURNED.items():
         option = f"--effect={name}={other}"

@@ -22,7 +22,8 @@ enum embree_way {
     EMBREE_WAYS,
 };
 
-/* One ray a point against the light: float[3 * count] relative to the origin; answers 1 or 0. */
+/* Traces a ray from each point towards the light; answers are 1 (lit) or 0. In: float[3 * count],
+ * relative to the origin. */
 struct embree_query {
     const struct embree_peer *peer;
     const float *points;

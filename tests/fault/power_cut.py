@@ -407,7 +407,8 @@ class Run:
 
 
 def folder_for_images(test):
-    """Memory, where there is a file system in it: images are written by the thousand."""
+    """Returns a folder in memory, if there is a file system for that: thousands of images are
+    written."""
     if os.access("/dev/shm", os.W_OK):
         folder = f"/dev/shm/umbrage-cut{os.getpid()}"
         atexit.register(shutil.rmtree, folder, True)

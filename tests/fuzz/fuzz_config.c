@@ -75,7 +75,7 @@ static void check_tokens(const char *path, const char *text)
     umbd_tokens_destroy(tokens);
 }
 
-/* What a config file says is printed so that it reads the same. */
+/* The settings of a config file are printed so that reading the output gives the same settings. */
 static void check_config(const char *path)
 {
     struct umbd_options options, again;

@@ -112,7 +112,7 @@ def run_in_group(test, log):
 
 
 def source_of(test):
-    """The text that may hold the mark "run: alone": a script itself, or the C source of a built
+    """The text that may hold the "alone" mark: a script itself, or the C source of a built
     test."""
     if test.endswith((".py", ".sh")):
         return test

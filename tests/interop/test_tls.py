@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-TLS as real clients see it: python3-grpcio and Python's ssl module against `tls:` addresses, with and
-without certificates of clients. The certificates are made here, by the openssl command.
+TLS as real clients see it: python3-grpcio and Python's ssl module connect to `tls:` addresses, with
+and without certificates of clients. The certificates are made here, by the openssl command.
 """
 import os
 import shutil

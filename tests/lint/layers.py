@@ -161,7 +161,8 @@ def check_includes(paths):
 
 
 def check_embree(paths):
-    """Rays are traced in one part, candidates of the bake's depth are found in another."""
+    """Embree may trace rays in one part only, and find candidates of the bake's depth in another
+    part only."""
     for path in paths:
         with open(os.path.join(ROOT, path), encoding="utf-8") as file:
             if re.search(r"rtc(New|Intersect|Occluded)", file.read()) and \

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# False shadow and false light with the automatic bias, on what cameras see of a terrain and a city
-# where it faces the light by more than 0.2.
+# False shadow and false light with the automatic bias, at points that cameras see of a terrain and
+# a city and whose cosine with the light is above 0.2.
 #
 # False shadow: the asset says below 0.5 where rays spread over the filter's area say above 0.5 by
 # more than their own error. False light: the asset says above 0.5 where a ray from the surface

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # run: alone (it measures a victim beside attackers, who take all processors)
 """
-Nineteen attacks, each beside a victim that asks all the time: the victim sees no error, the attackers are
-cut, memory stays within its bound, and the counter that operators watch rises.
+Nineteen attacks, each beside a victim client that queries all the time. The victim must see no error, the
+attackers must be cut off, memory must stay within its bound, and the counter that operators watch must rise.
 
 The short form (half a second each, 4 attackers) runs in `make system`; `make attack` sets SECONDS and ATTACKERS
 for the full one. Attackers live in processes of their own, and come back as soon as they are cut.

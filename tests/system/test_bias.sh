@@ -33,12 +33,12 @@ for sun in 70 45 15; do
         --sun 135,$sun --verify 0 --quiet 2>"$folder/err" || bad "sun $sun bakes" "$(cat "$folder/err")"
     high="sun $sun degrees high"
 
-    # A picture by defaults, against single rays. The bounds are those that pictures are held to
-    # (docs/decisions/0002-automatic-bias.md).
+    # A picture by defaults, compared with single rays. The bounds are those that pictures are held
+    # to (docs/decisions/0002-automatic-bias.md).
     below "$high, a default picture: false light" "$(share false_light $sun)" 0.5
     below "$high, a default picture: false shadow" "$(share false_shadow $sun)" 0.1
 
-    # Windows. False shadow is against rays over the window's own area, as in test_accuracy.sh.
+    # Windows. False shadow is judged by rays over the window's own area, as in test_accuracy.sh.
     # 6 voxels along the normal are the reach that 9 taps need on a plane at 45 degrees: lifts along
     # the light must lose at most half as much.
     set -- --size 320x180 --filter box

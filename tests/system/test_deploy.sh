@@ -5,7 +5,8 @@
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$root" || exit 1
 
-# Under make its variables come along; by hand the build folder tells which build it is.
+# Under make its variables are in the environment; in a run by hand the build folder's name gives
+# the kind of build.
 config=$(basename "$BUILD")
 case $config in
 release | debug | asan | tsan) set -- "config=$config" ;;
@@ -116,8 +117,8 @@ else
 fi
 
 operations=docs/reference/operations.md
-# Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
-# that list with what is served).
+# The metrics that alerts and panels name must be those that operations.md lists (test_docs.sh
+# compares that list with what is served).
 grep -ohE '(umbrage|grpc_server|process)_[a-z0-9_]+' deploy/prometheus/*.yml deploy/grafana/*.json |
     sed 's/_bucket$//' | grep -v '^umbrage_alerts' | sort -u >"$folder/asked"
 grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' "$operations" | tr -d '`' |

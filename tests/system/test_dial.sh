@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The dial: every asset's curve against rays, the choice of settings by error and by budget, and the
-# choice of a resolution by --max-error.
+# The dial: every asset's curve is compared with rays; tested are the choice of settings by error
+# and by budget, and the choice of a resolution by --max-error.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$folder" || exit 1
 

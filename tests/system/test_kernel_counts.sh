@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Instructions a point of every query kernel, counted by valgrind, against tests/bench/kernel_counts.tsv:
-# more than 3 % above the expected figure fails. Change the figure in the commit that changes the
+# Instructions a point of every query kernel, counted by valgrind. A count more than 3 % above the
+# figure in tests/bench/kernel_counts.tsv fails. Change the figure in the commit that changes the
 # kernel. Counts belong to one compiler and its options, so that other builds are left out.
 set -eu
 : "${BUILD:=build/release}"

@@ -32,7 +32,7 @@ BRIEF = ("--warm-up", 0.1, "--duration", 0.4)
 
 
 def load(*words, code=0, to=UNIX):
-    """Runs a load test; what --json says, or with another code what stderr says."""
+    """Runs a load test; returns the output of --json or, if another exit code is expected, stderr."""
     done = ut.run("umbrage", "load", "city", "--json", *to, *words, code=code, timeout=60)
     return json.loads(done.stdout) if code == 0 else done.stderr.decode()
 

@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Pictures and their numeric twin: shadows of an asset against traced rays in the same view, over
+# Pictures, and figures that compare the shadows of an asset with traced rays in the same view, over
 # the samples that face the light.
 #
 # Bounds, and why. One tap against one ray: they may differ only within a voxel of a shadow's edge,

@@ -26,7 +26,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def refused(call, *words, kinds=(TypeError, ValueError)):
-    """The call raises one of the kinds, and says the words."""
+    """The call must raise one of the kinds of exception, with the words in its message."""
     try:
         answer = call()
     except kinds as error:

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The daemon's Slurm executor against a pretended cluster (harness/fake_slurm.py): the same ids as on
+The daemon's Slurm executor with an imitated cluster (harness/fake_slurm.py): the same ids as on
 this machine; submissions that are lost, tasks that run twice, are killed or held back, and a
 controller that is away must all be survived. A cancelled or forgotten job must leave no task.
 """

@@ -261,7 +261,7 @@ assert light["lamp"] and light["name"] == "lamp 0" and light["position"][1] == 4
 out_lights=$("$BUILD/umbrage" info three/assets/512-auto.umb --json 2>/dev/null | grep -o '"kind"' | wc -l)
 same "it alone is baked" 1 "$out_lights"
 
-# Translucent casters: the asset's transmittance against rays through the panes.
+# Translucent casters: the asset's transmittance is compared with rays through the panes.
 /usr/bin/python3 -c 'import sys; sys.path.insert(0, sys.argv[1]); import translucent_scenes; translucent_scenes.glass("glass.obj")' "$root/tests/harness"
 try 0 umbrage-study glass.obj -o glass "$@" --up z --quiet
 cat >glass.py <<'PY'

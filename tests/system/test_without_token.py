@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Callers without rights against a daemon with a token file (and single addresses against one without):
-the memory, connections, streams, Watches, processor and drain time that they can use. Whatever they
-do, from one address or many, a new client with a good token connects and is answered.
+What callers without rights can use of a daemon with a token file (and single addresses of a daemon
+without one): memory, connections, streams, Watches, processor and drain time. Whatever they do, from
+one address or many, a new client with a good token connects and is answered.
 """
 import os
 import signal

@@ -64,8 +64,8 @@ struct receiver {
     double plane[2];      /* Change of q of the receiver's plane over a texel */
     double front[3];      /* Height over the light's plane of `direction`, and its change over a
                              texel */
-    double above[3];      /* Height over the receiver's horizon: of the light's middle, and its
-                             change over the half axes */
+    double above[3];      /* Height above the receiver's horizon of the light's middle, and the
+                             change of that height over each half axis */
     bool has_normal;
     double normal[3];  /* Unit normal; 0 without one */
     double bias_m;     /* Length by which the receiver was moved */

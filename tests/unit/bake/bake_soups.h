@@ -258,10 +258,8 @@ static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t 
     depth.destroy(depth.state);
 }
 
-/* 7 on the octree says are lit, a bit each: from the root down, a child at a time.~Returns which of
- * the eight voxels of a column, from z rounded down to a multiple of 8, are lit in the octree: a
- * bit for each. Descends from the root, a child at a time.~7 on the octree says are lit, a bit
- * each: from the root down, a child at a time. */
+/* Returns which of the eight voxels of a column, from z rounded down to a multiple of 8, are lit in
+ * the octree: a bit for each. Descends from the root, a child at a time. */
 static inline unsigned octree_eight(const struct umb__octree *octree, uint32_t x, uint32_t y,
                                     uint32_t z)
 {

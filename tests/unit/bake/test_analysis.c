@@ -601,7 +601,7 @@ static void memory_is_divided_within_the_limit(void **state)
     assert_int_equal(plan.fixed_bytes, of_one + 1023 * 32768);
     input.ruled_frusta = 0;
     input.threads = 2;
-    /* A merge draws no tile: the size asked for is free. */
+    /* A merge draws no tile, so any tile size may be given. */
     input.memory_bytes = (uint64_t)700 << 20;
     input.merging = 1;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);

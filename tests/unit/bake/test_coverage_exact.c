@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The predicate against exact integers. Corners are whole numbers of 2^-10 voxels of at most 24
- * bits, so that every product below fits an integer, and the double arithmetic has five roundings:
+ * Compares the predicate that decides coverage with exact integers. Corners are whole numbers of
+ * 2^-10 voxels of at most 24 bits, so that every product below fits an integer, and the double
+ * arithmetic has five roundings:
  *
  * - a crossing is off by at most 2^-53 (3 |dx| + |x|) voxels, less than 2^-50 of the greatest
  *   coordinate: a centre farther from both crossings is decided exactly as integers decide;

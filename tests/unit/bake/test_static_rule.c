@@ -177,7 +177,7 @@ static int window(struct ruled *r, size_t triangle, int taps, double v[3])
     if (!(fabs(n[2]) > 1e-9)) {
         return 0; /* faces away */
     }
-    /* Along the light by at most 2 taps - 1/2 texels, the rest along the normal. */
+    /* The move is along the light by at most 2 taps - 1/2 texels; the rest is along the normal. */
     const double need = 65.0 / 64.0 * bias, most = (2 * taps - 0.5) * (r->edge[0] + r->edge[1]) / 2;
     const double lift = fmin(need / fabs(n[2]), most), rest = need - lift * fabs(n[2]);
     double deeper = -lift / r->edge[2];

@@ -214,7 +214,7 @@ static void check_batch(const struct umb__query *q, const struct umb_points *poi
     }
 }
 
-/* All biases and forms of points against one asset's last light. */
+/* Compares the kernels for all biases and forms of points, on one asset's last light. */
 static void check_filter(const struct umb_asset *asset, uint32_t light, enum umb_filter filter,
                          uint32_t taps)
 {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader against the real writer: files of random voxels, packed and mapped, compared
- * at every voxel with the array they were made from; and wrong files, which the oracle must refuse.
+ * Tests the oracle's reader with the real writer: files of random voxels, packed and mapped,
+ * compared at every voxel with the array they were made from; and wrong files, which the oracle
+ * must refuse.
  *
  * The harness packs with a substitute for SHA-256. reseal() replaces its hashes by the real page
  * hashes and the real id, by docs/reference/umb-format.md section 4, as the oracle checks them.

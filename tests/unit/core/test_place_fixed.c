@@ -233,7 +233,7 @@ static double within_floats_of_border(uint64_t *seed)
     return rint(random_unit(seed) * SIZE) + off;
 }
 
-/* With normals, a coordinate in some is next to a border, as floats tell. */
+/* With normals: some points have a coordinate next to a border, as near as floats can be. */
 static void beside_borders(uint64_t *seed, int sides, int with_normals, double v[3])
 {
     (void)sides;
@@ -245,7 +245,8 @@ static void beside_borders(uint64_t *seed, int sides, int with_normals, double v
 }
 
 /* A place in or beside a brick of random bits, which is at the frustum's sides only if `sides` says
- * so; a coordinate in some is next to a border, as near as doubles tell, or with normals floats. */
+ * so; some points have a coordinate next to a border, as near as doubles can be, or with normals as
+ * floats can be. */
 static void near_random_brick(uint64_t *seed, int sides, int with_normals, double v[3])
 {
     uint32_t brick[3];

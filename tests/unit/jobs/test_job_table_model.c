@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The job table against a model, and killed in the middle. */
+/* Compares the job table with a model, and kills the process in the middle. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The client against a server that answers well, badly, late or not at all. SIGPIPE keeps its
- * default action here: a client that raised it would end the test.
+ * The client with a server that answers well, badly, late or not at all. SIGPIPE keeps its default
+ * action here: a client that raised it would end the test.
  */
 #include <stdarg.h>
 #include <stddef.h>

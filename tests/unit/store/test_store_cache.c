@@ -421,7 +421,7 @@ static void cache_may_be_made_anew_while_a_scan_sweeps(void **state)
     assert_int_equal(renewal.renewed, 300);
 }
 
-/* The disk during a sync of the cache: syncfs waits until it is told to go on. */
+/* Imitates a slow disk during a sync of the cache: syncfs waits until the test lets it go on. */
 static struct {
     atomic_int held, entered, failing, calls;
     sem_t go;

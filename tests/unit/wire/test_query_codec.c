@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * QueryRequest and QueryReply: our codecs against protobuf-c's own pack and unpack, field checks,
- * and sweeps over every prefix and every flipped byte from exact-size blocks (for ASan).
+ * QueryRequest and QueryReply: our codecs are compared with protobuf-c's own pack and unpack. Also
+ * tested: field checks, and sweeps over every prefix and every flipped byte from exact-size blocks
+ * (for ASan).
  */
 #include <stdarg.h>
 #include <stddef.h>
