@@ -3,7 +3,9 @@
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 # Tests are compiled more often than they run.
-$(BUILD)/tests/unit/%.o: opt_release := -O1 -g1 -DNDEBUG
+ifeq ($(config),release)
+$(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1
+endif
 
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
