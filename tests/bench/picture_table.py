@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of default pictures in docs/results/biases.md: false light and false shadow of `umbrage render` as it is
+"""The table of default pictures in docs/results/pictures.md: false light and false shadow of `umbrage render` as it is
 without options, on six scenes under three suns. `make picture-table` runs it; the real scenes come from
 UMBRAGE_SCENES (default ../shared/scenes). A cell has the shares in percent for suns 70, 45 and 15 degrees high.
-picture_table.py [RESOLUTION [SAMPLES]] measures one resolution, and less precisely."""
+picture_table.py [RESOLUTION [SAMPLES]] measures one resolution, with SAMPLES x SAMPLES rays a footprint."""
 
 import json
 import os
