@@ -369,7 +369,8 @@ static void connection(const uint8_t *data, size_t size)
     struct umbd_loop *loop = &daemon_of_all.server.loops[0];
     struct script script = {data, data + size, sockets[0], NULL, 1, 0};
     FUZZ_DEMAND(nghttp2_hd_deflate_new(&script.packer, 4096) == 0);
-    umbd_conn_adopt(loop, sockets[1], UMBN_UNIX, 0);
+    const struct umbd_socket accepted = {.fd = sockets[1], .transport = UMBN_UNIX};
+    umbd_conn_adopt(loop, &accepted);
     play(&script);
     for (unsigned i = 0; i < 8; i++) {
         turn();

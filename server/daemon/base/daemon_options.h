@@ -21,6 +21,7 @@
 
 #define UMBD_LISTEN_MAX 16
 #define UMBD_LOOPS_MAX  64
+#define UMBD_ORIGIN_SIZE 256 /* bytes of an origin, NUL included */
 
 struct umbd_option_text; /* opaque */
 
@@ -28,6 +29,9 @@ struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* Folders, NULL after the last */
     const char *listen[UMBD_LISTEN_MAX + 1];    /* Addresses, NULL after the last */
     size_t listen_count;
+    const char *http[UMBD_LISTEN_MAX + 1]; /* Addresses of HTTP/1.1, NULL after the last */
+    size_t http_count;
+    const char *http_origins[UMBD_LISTEN_MAX + 1]; /* Origins whose pages may read assets, or "*" */
     const char *admin;                /* Admin port as HOST:PORT, or NULL */
     const char *address_file;         /* File, or NULL */
     int copy, warm_up;                /* 1: hold assets in memory; read files ahead (store.h) */
