@@ -94,7 +94,7 @@ struct umbd_queued {
 struct umbd_web {
     const struct umbd_http1_request *request; /* Valid until the service returns; then NULL */
     int is_head;         /* 1: the reply has no body */
-    int varies;          /* 1: the reply depends on the page's origin */
+    const char *vary;    /* Lines of Vary: fields of the request on which replies depend, or "" */
     const char *origin;  /* Value of Access-Control-Allow-Origin; NULL: none */
     int status;          /* Status of the reply; 0: none yet */
     uint64_t body_bytes; /* Bytes of the reply's body that were made ready */

@@ -6,18 +6,23 @@
 #include "daemon/call/call.h"
 
 /*
- * Finds out whether the page that sent the request may read the reply. The value points into the
- * options, so the reply holds nothing of the request.
+ * Finds out whether the page that sent the request may read the reply, and on which fields replies
+ * depend. The values are static or the options', so the reply holds nothing of the request.
  */
 static void check_origin(struct umbd_call *call, const struct umbd_http1_request *request)
 {
     const char *const *origins = call->server->options.http_origins;
     struct umbd_web *web = call->web;
-    web->varies = origins[0] != NULL && strcmp(origins[0], "*") != 0;
-    if (origins[0] != NULL && !web->varies) {
+    const int is_list = origins[0] != NULL && strcmp(origins[0], "*") != 0;
+    const int needs_token = call->backend->tokens != NULL;
+    web->vary = is_list && needs_token ? "Vary: Authorization, Origin\r\n"
+                : is_list              ? "Vary: Origin\r\n"
+                : needs_token          ? "Vary: Authorization\r\n"
+                                       : "";
+    if (origins[0] != NULL && !is_list) {
         web->origin = "*";
     }
-    for (size_t i = 0; web->varies && request->origin.bytes != NULL && origins[i] != NULL; i++) {
+    for (size_t i = 0; is_list && request->origin.bytes != NULL && origins[i] != NULL; i++) {
         if (umbd_http1_is(request->origin, origins[i])) {
             web->origin = origins[i];
         }

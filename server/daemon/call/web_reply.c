@@ -108,7 +108,7 @@ size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const 
                                "HTTP/1.1 %d %s\r\nDate: %s\r\n%s%s%s%s%s"
                                "X-Content-Type-Options: nosniff\r\n\r\n",
                                status, reason_of(status), parts.date, size, fields, parts.origin,
-                               call->web->varies ? "Vary: Origin\r\n" : "",
+                               call->web->vary,
                                conn->last_request || conn->leaving ? "Connection: close\r\n"
                                    : "");
     call->web->status = status;
