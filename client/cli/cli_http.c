@@ -41,7 +41,7 @@ struct http {
     CURLM *multi;
     char *url;
     char token[TOKEN_MAX + 2]; /* Bearer token; empty: none */
-    double stop_s; /* Time of umbu_clock_s at which all requests end; 0: never */
+    double stop_s;             /* Time of umbu_clock_s at which all requests end; 0: never */
     struct fetch fetches[AT_ONCE];
 };
 

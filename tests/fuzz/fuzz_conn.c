@@ -417,8 +417,8 @@ static void check_reply(void)
 {
     const char *length = strstr(replies.head, "\r\nContent-Length: ");
     FUZZ_DEMAND(strncmp(replies.head, "HTTP/1.1 ", 9) == 0);
-    const int has_body = strncmp(replies.head + 9, "204", 3) != 0 &&
-                         strncmp(replies.head + 9, "304", 3) != 0;
+    const int has_body =
+        strncmp(replies.head + 9, "204", 3) != 0 && strncmp(replies.head + 9, "304", 3) != 0;
     FUZZ_DEMAND(!has_body || length != NULL);
     replies.body_left = has_body ? strtoul(length + 18, NULL, 10) : 0;
     replies.head_bytes = 0;

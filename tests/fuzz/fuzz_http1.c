@@ -9,8 +9,7 @@
  */
 #include <string.h>
 
-#include "daemon/service/web_conditions.h"
-#include "daemon/service/web_route.h"
+#include "daemon/service/web_parts.h"
 #include "daemon/transport/http1_request.h"
 #include "fuzz.h"
 
@@ -30,7 +29,8 @@ static void check_split(const uint8_t *bytes, size_t size)
 static void check_inside(struct umbd_http1_text text, const uint8_t *head, size_t size)
 {
     const char *begin = (const char *)head;
-    FUZZ_DEMAND(text.bytes == NULL || (text.bytes >= begin && text.bytes + text.size <= begin + size));
+    FUZZ_DEMAND(text.bytes == NULL ||
+                (text.bytes >= begin && text.bytes + text.size <= begin + size));
 }
 
 static void check_ranges(struct umbd_http1_text field, uint64_t size)

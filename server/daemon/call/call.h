@@ -13,8 +13,8 @@
  * the same, and only its head and its replies differ.
  *
  * Files, the lowest first: call_state.c, web_reply.c, call_reply.c, call_rights.c,
- * optimistic_reads.c, call_queue.c, call.c, web_call.c, call_home.c. The services are above them and are called through the call's
- * method (base/method.h).
+ * optimistic_reads.c, call_queue.c, call.c, web_call.c, call_home.c. The services are above them
+ * and are called through the call's method (base/method.h).
  *
  * A failure before the end of the request is answered at once (Trailers-Only). The rest of the
  * upload is then discarded for a second before the stream is reset, because some clients would lose
@@ -93,7 +93,7 @@ struct umbd_queued {
 /* State of a request of HTTP/1.1. */
 struct umbd_web {
     const struct umbd_http1_request *request; /* Valid until the service returns; then NULL */
-    int is_head;         /* 1: the reply has no body */
+    int is_head;                              /* 1: the reply has no body */
     const char *vary;    /* Lines of Vary: fields of the request on which replies depend, or "" */
     const char *origin;  /* Value of Access-Control-Allow-Origin; NULL: none */
     int status;          /* Status of the reply; 0: none yet */
@@ -114,8 +114,8 @@ struct umbd_call {
 
     /* request */
     const struct umbd_method
-        *method; /* Row of the table of methods; its last row while the path is unknown */
-    void *state; /* The service's; `close` of the method frees it */
+        *method;          /* Row of the table of methods; its last row while the path is unknown */
+    void *state;          /* The service's; `close` of the method frees it */
     struct umbd_web *web; /* NULL: gRPC */
     struct umbd_header_budget headers;
     char path[UMBD_PATH_SIZE];

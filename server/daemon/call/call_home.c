@@ -126,8 +126,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_task *task)
 {
     struct umbd_conn *conn = umbd_conn_find(loop, task->lane);
     loop->clock_ns = 0;
-    struct umbd_call *call =
-        conn != NULL ? conn->protocol->find(conn, task->stream_id) : NULL;
+    struct umbd_call *call = conn != NULL ? conn->protocol->find(conn, task->stream_id) : NULL;
     if (call == NULL || call->task != task) {
         umbd_server_uncharge(loop->server, task->charged);
         task->free(task);

@@ -104,13 +104,12 @@ size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const 
     if (status != 204 && status != 304) {
         (void)snprintf(size, sizeof size, "Content-Length: %llu\r\n", (unsigned long long)length);
     }
-    const int count = snprintf(text, UMBD_WEB_HEAD_BYTES,
-                               "HTTP/1.1 %d %s\r\nDate: %s\r\n%s%s%s%s%s"
-                               "X-Content-Type-Options: nosniff\r\n\r\n",
-                               status, reason_of(status), parts.date, size, fields, parts.origin,
-                               call->web->vary,
-                               conn->last_request || conn->leaving ? "Connection: close\r\n"
-                                   : "");
+    const int count =
+        snprintf(text, UMBD_WEB_HEAD_BYTES,
+                 "HTTP/1.1 %d %s\r\nDate: %s\r\n%s%s%s%s%s"
+                 "X-Content-Type-Options: nosniff\r\n\r\n",
+                 status, reason_of(status), parts.date, size, fields, parts.origin, call->web->vary,
+                 conn->last_request || conn->leaving ? "Connection: close\r\n" : "");
     call->web->status = status;
     call->responded = 1;
     call->responded_ms = call->progress_ms = umbd_call_now_ms(call);

@@ -9,8 +9,7 @@
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"
 #include "daemon/service/web_body.h"
-#include "daemon/service/web_conditions.h"
-#include "daemon/service/web_route.h"
+#include "daemon/service/web_parts.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -63,8 +62,8 @@ static void answer_preflight(struct umbd_call *call)
         "Access-Control-Allow-Headers: Authorization, If-Match, If-None-Match, If-Range, Range\r\n"
         "Access-Control-Max-Age: 86400\r\n";
     if (umbd_call_take_open(call)) {
-        umbd_web_reply(call, 204, call->web->origin != NULL ? fields : "Allow: GET, HEAD, OPTIONS\r\n",
-                       "");
+        umbd_web_reply(call, 204,
+                       call->web->origin != NULL ? fields : "Allow: GET, HEAD, OPTIONS\r\n", "");
     }
 }
 
@@ -79,7 +78,8 @@ static int answer_others(struct umbd_call *call, struct umbd_web_route *route)
     } else if (request->method == UMBD_HTTP1_OPTIONS) {
         answer_preflight(call);
     } else if (request->method == UMBD_HTTP1_OTHER) {
-        refuse(call, 405, "Allow: GET, HEAD, OPTIONS\r\n", "only GET, HEAD and OPTIONS are allowed");
+        refuse(call, 405, "Allow: GET, HEAD, OPTIONS\r\n",
+               "only GET, HEAD and OPTIONS are allowed");
     } else if (!umbd_web_route(request->path, route)) {
         refuse(call, 404, "", "no such path: try /assets/NAME.umb or /assets/by-id/ID.umb");
     } else {
@@ -190,8 +190,7 @@ static void answer_bytes(struct asset_request *asset)
         umbd_web_send(call, head, size);
         return;
     }
-    const uint64_t bytes =
-        umbd_web_body_begin(call, &asset->entry, asset->fields, ranges, count);
+    const uint64_t bytes = umbd_web_body_begin(call, &asset->entry, asset->fields, ranges, count);
     if (bytes > 0) {
         umbd_call_owe_points(call, bytes / BYTES_A_POINT);
     }

@@ -18,7 +18,7 @@
 #include <sys/random.h>
 #include <unistd.h>
 
-#include "daemon/service/web_conditions.h"
+#include "daemon/service/web_parts.h"
 
 #define PIECE_BYTES    ((size_t)256 << 10)
 #define BOUNDARY_BYTES 16  /* random bytes of the boundary, which no file can contain knowingly */
@@ -61,8 +61,8 @@ static void free_body(struct umbd_task *task)
 static size_t write_part(const struct body *body, const struct umb_range *range, char *text)
 {
     return (size_t)snprintf(text, PART_BYTES,
-                            "\r\n--%s\r\n" UMBD_WEB_TYPE "Content-Range: bytes %" PRIu64
-                            "-%" PRIu64 "/%" PRIu64 "\r\n\r\n",
+                            "\r\n--%s\r\n" UMBD_WEB_TYPE "Content-Range: bytes %" PRIu64 "-%" PRIu64
+                            "/%" PRIu64 "\r\n\r\n",
                             body->boundary, range->offset, range->offset + range->length - 1,
                             body->file_bytes);
 }
@@ -91,8 +91,9 @@ static enum umb_status open_file(struct body *body, struct umb_error *error)
     uint64_t size = 0;
     enum umb_status status = umbs_entry_open_packed(body->entry, &body->fd, &size, error);
     return status == UMB_OK && size != body->file_bytes
-               ? umb_fail(error, UMB_E_STATE, "asset: its file has another size than when it was "
-                                              "loaded")
+               ? umb_fail(error, UMB_E_STATE,
+                          "asset: its file has another size than when it was "
+                          "loaded")
                : status;
 }
 
@@ -103,8 +104,8 @@ static enum umb_status read_range(struct body *body, struct umb_error *error)
     uint8_t *to = body->piece + UMBD_WEB_HEAD_BYTES + body->piece_bytes;
     const uint64_t left = range->length - body->done;
     const size_t room = body->piece_capacity - body->piece_bytes;
-    const ssize_t got = pread(body->fd, to, left < room ? (size_t)left : room,
-                              (off_t)(range->offset + body->done));
+    const ssize_t got =
+        pread(body->fd, to, left < room ? (size_t)left : room, (off_t)(range->offset + body->done));
     if (got < 0 && errno == EINTR) {
         return UMB_OK;
     }
@@ -275,8 +276,7 @@ static struct body *make_body(const struct umbs_entry *entry, const char *fields
     }
     (void)snprintf(body->fields, sizeof body->fields, "%s", fields);
     body->body_bytes = count_bytes(body);
-    body->piece_capacity =
-        body->body_bytes < PIECE_BYTES ? (size_t)body->body_bytes : PIECE_BYTES;
+    body->piece_capacity = body->body_bytes < PIECE_BYTES ? (size_t)body->body_bytes : PIECE_BYTES;
     return body;
 }
 

@@ -17,8 +17,8 @@
 /*
  * Begins the body of a reply; the head follows with the first piece.
  *
- * In:    entry: taken over and then NULL, unless memory is short. fields: the head's fields for the asset.
- *        ranges: [count], without common bytes; count 0 = the whole file.
+ * In:    entry: taken over and then NULL, unless memory is short. fields: the head's fields for the
+ *        asset. ranges: [count], without common bytes; count 0 = the whole file.
  * Returns the number of bytes of the body; 0 after failing the call.
  */
 uint64_t umbd_web_body_begin(struct umbd_call *call, struct umbs_entry **entry, const char *fields,

@@ -14,11 +14,11 @@
  * Two protocols, each a table of functions (struct umbd_protocol): HTTP/2 by nghttp2 carries gRPC,
  * HTTP/1.1 carries assets. Everything else is the same for both.
  *
- * Output: nghttp2's frames, or replies, are collected in the loop's buffer and written at once. If the socket
- * takes only a part, the rest is copied into one pending write, and no more frames are made until
- * that write is done. A peer that does not read therefore costs one such block, and the frames that
- * nghttp2 queues afterwards. If these exceed UMBD_QUEUED_FRAMES, the connection ends. A flush sends
- * a limited amount; the rest waits until other connections have had their turn.
+ * Output: nghttp2's frames, or replies, are collected in the loop's buffer and written at once. If
+ * the socket takes only a part, the rest is copied into one pending write, and no more output is
+ * made until that write is done. A peer that does not read therefore costs one such block, and the
+ * frames that nghttp2 queues afterwards. If these exceed UMBD_QUEUED_FRAMES, the connection ends. A
+ * flush sends a limited amount; the rest waits until other connections have had their turn.
  */
 #include <nghttp2/nghttp2.h>
 #include <uv.h>
@@ -75,7 +75,7 @@ struct umbd_conn {
     enum umbd_language language;
     nghttp2_session *session;      /* HTTP/2; NULL = HTTP/1.1, or closed */
     struct umbd_conn_http1 *http1; /* HTTP/1.1; NULL = HTTP/2, or closed */
-    LIST_HEAD(, umbd_call) calls; /* Open calls */
+    LIST_HEAD(, umbd_call) calls;  /* Open calls */
     size_t call_count;
     size_t buffered;  /* Bytes of its calls and of its pending write */
     size_t allowance; /* Bytes that it may hold without a further grant, see conn_budget.c */
@@ -202,7 +202,8 @@ void umbd_conn_flush(struct umbd_conn *conn);
 /* Checks the timers. May close the connection. */
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
-/* Sends GOAWAY, if the protocol has it, and lets the session end. If the connection does not end, the tick closes it. */
+/* Sends GOAWAY, if the protocol has it, and lets the session end. If the connection does not end,
+ * the tick closes it. */
 void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
 
 /*

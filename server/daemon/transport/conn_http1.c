@@ -16,7 +16,7 @@
 #include "daemon/transport/conn_tls.h"
 #include "daemon/transport/http1_request.h"
 
-#define READ_BYTES    8192 /* read at once */
+#define READ_BYTES    8192  /* read at once */
 #define RECORD_BYTES  16384 /* a TLS record, which may be complete with the next byte */
 #define BUFFER_BYTES  (UMBD_HTTP1_HEAD_BYTES + READ_BYTES + RECORD_BYTES)
 #define BUFFER_STEP   4096

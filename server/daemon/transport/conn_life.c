@@ -90,7 +90,8 @@ static int admit(struct newcomer *newcomer)
     if (!know_peer(newcomer)) {
         return 0;
     }
-    int admitted = newcomer->socket.transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
+    int admitted =
+        newcomer->socket.transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
     if (admitted && !umbd_conn_make_room(conn->loop)) {
         newcomer->reason = "too many connections";
         admitted = 0;

@@ -106,8 +106,7 @@ static int take_until(struct cursor *cursor, char separator, struct umbd_http1_t
 /* Takes a line without its end, which must be CR LF. */
 static int take_line(struct cursor *cursor, struct umbd_http1_text *line)
 {
-    if (!take_until(cursor, '\n', line) || line->size == 0 ||
-        line->bytes[line->size - 1] != '\r') {
+    if (!take_until(cursor, '\n', line) || line->size == 0 || line->bytes[line->size - 1] != '\r') {
         return 0;
     }
     line->size--;
@@ -244,12 +243,9 @@ static int take_field(struct fields *fields, struct umbd_http1_text name,
         const char *name;
         struct umbd_http1_text *place;
     } known[] = {
-        {"host", &request->host},
-        {"authorization", &request->authorization},
-        {"range", &request->range},
-        {"if-range", &request->if_range},
-        {"if-match", &request->if_match},
-        {"if-none-match", &request->if_none_match},
+        {"host", &request->host},         {"authorization", &request->authorization},
+        {"range", &request->range},       {"if-range", &request->if_range},
+        {"if-match", &request->if_match}, {"if-none-match", &request->if_none_match},
         {"origin", &request->origin},
     };
     if (is_name(name, "connection")) {

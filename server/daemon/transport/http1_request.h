@@ -31,10 +31,10 @@ enum umbd_http1_method {
 
 struct umbd_http1_request {
     enum umbd_http1_method method;
-    struct umbd_http1_text path;  /* Path of the target, without the query */
-    int keeps_open;               /* 1 if further requests may follow on the connection */
-    int refusal;                  /* HTTP status with which the head is refused; 0: it is valid */
-    const char *reason;           /* Text of the refusal; static */
+    struct umbd_http1_text path; /* Path of the target, without the query */
+    int keeps_open;              /* 1 if further requests may follow on the connection */
+    int refusal;                 /* HTTP status with which the head is refused; 0: it is valid */
+    const char *reason;          /* Text of the refusal; static */
     struct umbd_http1_text host;
     struct umbd_http1_text authorization;
     struct umbd_http1_text range;

@@ -132,9 +132,9 @@ static void name_listener(struct umbd_listener *listener)
         [UMBN_TCP] = "tcp:", [UMBN_TLS] = "tls:", [UMBN_UNIX] = "unix:"};
     struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
-    int length = snprintf(listener->text, sizeof listener->text, "%s%s",
-                          listener->language == UMBD_HTTP1 ? "http+" : "",
-                          prefixes[listener->transport]);
+    int length =
+        snprintf(listener->text, sizeof listener->text, "%s%s",
+                 listener->language == UMBD_HTTP1 ? "http+" : "", prefixes[listener->transport]);
     char *rest = listener->text + length;
     size_t room = sizeof listener->text - (size_t)length;
     (void)getsockname(listener->acceptor.fd, (struct sockaddr *)&address, &size);

@@ -30,10 +30,10 @@ static void assert_text(struct umbd_http1_text text, const char *expected)
 static void a_request_is_read_with_its_fields(void **state)
 {
     (void)state;
-    struct umbd_http1_request request =
-        parse("GET /assets/a.umb?x=/y HTTP/1.1\r\nhOST:localhost:80 \r\nRange: \tbytes=0-1\t\r\n"
-              "If-Range: \"a\"\r\nIf-None-Match: W/\"b\", \"c\"\r\nIf-Match:*\r\nOrigin: https://x\r\n"
-              "Authorization: Bearer t\r\nContent-Length: 0\r\nX-Other: \xFF\r\nEmpty:\r\n\r\n");
+    struct umbd_http1_request request = parse(
+        "GET /assets/a.umb?x=/y HTTP/1.1\r\nhOST:localhost:80 \r\nRange: \tbytes=0-1\t\r\n"
+        "If-Range: \"a\"\r\nIf-None-Match: W/\"b\", \"c\"\r\nIf-Match:*\r\nOrigin: https://x\r\n"
+        "Authorization: Bearer t\r\nContent-Length: 0\r\nX-Other: \xFF\r\nEmpty:\r\n\r\n");
     assert_int_equal(request.refusal, 0);
     assert_int_equal(request.method, UMBD_HTTP1_GET);
     assert_int_equal(request.keeps_open, 1);
@@ -65,9 +65,10 @@ static void connections_stay_open_unless_a_side_says_otherwise(void **state)
     assert_int_equal(parse("GET / HTTP/1.1\r\nHost: h\r\n\r\n").keeps_open, 1);
     assert_int_equal(parse("GET / HTTP/1.0\r\n\r\n").keeps_open, 0);
     assert_int_equal(parse("GET / HTTP/1.0\r\nConnection: keep-alive\r\n\r\n").keeps_open, 0);
-    assert_int_equal(parse("GET / HTTP/1.1\r\nHost: h\r\nConnection: x ,\tCLOSE\r\n\r\n").keeps_open,
-                     0);
-    assert_int_equal(parse("GET / HTTP/1.1\r\nHost: h\r\nConnection: closed\r\n\r\n").keeps_open, 1);
+    assert_int_equal(
+        parse("GET / HTTP/1.1\r\nHost: h\r\nConnection: x ,\tCLOSE\r\n\r\n").keeps_open, 0);
+    assert_int_equal(parse("GET / HTTP/1.1\r\nHost: h\r\nConnection: closed\r\n\r\n").keeps_open,
+                     1);
     assert_int_equal(
         parse("GET / HTTP/1.1\r\nHost: h\r\nConnection: close\r\nConnection: x\r\n\r\n").keeps_open,
         0);

@@ -9,8 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "daemon/service/web_conditions.h"
-#include "daemon/service/web_route.h"
+#include "daemon/service/web_parts.h"
 
 static struct umbd_http1_text text(const char *string)
 {
@@ -43,9 +42,9 @@ static void ranges_are_resolved_against_the_size(void **state)
         {"bytes=0-,-1", 10, UMBD_RANGES_OVERLAP, 2, {{0, 10}, {9, 1}}},
         {"pages=0-1", 10, UMBD_RANGES_NONE, 0, {{0, 0}}},
     };
-    static const char *const malformed[] = {"bytes=",    "bytes=-",     "bytes=1",    "bytes=a-b",
-                                            "bytes=2-1", "bytes=0-1-2", "bytes=0-1,", "bytes=,0-1",
-                                            "bytes",     "bytes 0-1",   "bytes=0 -1", "bytes=0-1;2-3"};
+    static const char *const malformed[] = {
+        "bytes=",     "bytes=-",    "bytes=1", "bytes=a-b", "bytes=2-1",  "bytes=0-1-2",
+        "bytes=0-1,", "bytes=,0-1", "bytes",   "bytes 0-1", "bytes=0 -1", "bytes=0-1;2-3"};
     struct umb_range ranges[UMBD_RANGES_MAX];
     size_t count;
     (void)state;

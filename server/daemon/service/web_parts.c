@@ -1,9 +1,59 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See web_conditions.h. */
-#include "daemon/service/web_conditions.h"
+/* See web_parts.h. */
+#include "daemon/service/web_parts.h"
 
 #include <string.h>
 #include <strings.h>
+
+#define BEGIN "/assets/"
+#define IDS   "by-id/"
+#define END   ".umb"
+
+static int is_name_byte(char c)
+{
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+           (c != '\0' && strchr("._-/", c) != NULL);
+}
+
+static int is_id_byte(char c)
+{
+    return (c >= 'a' && c <= 'f') || (c >= '0' && c <= '9');
+}
+
+/* Removes a prefix; returns 0 if the text does not begin with it. */
+static int skip(struct umbd_http1_text *text, const char *prefix)
+{
+    const size_t length = strlen(prefix);
+    if (text->size < length || memcmp(text->bytes, prefix, length) != 0) {
+        return 0;
+    }
+    text->bytes += length;
+    text->size -= length;
+    return 1;
+}
+
+int umbd_web_route(struct umbd_http1_text path, struct umbd_web_route *route)
+{
+    const size_t end = strlen(END);
+    if (!skip(&path, BEGIN) || path.size <= end ||
+        memcmp(path.bytes + path.size - end, END, end) != 0) {
+        return 0;
+    }
+    path.size -= end;
+    route->by_id = skip(&path, IDS);
+    if (path.size == 0 || path.size > UMBS_STORE_NAME_MAX ||
+        (route->by_id && path.size != UMB_ID_TEXT_SIZE - 1)) {
+        return 0;
+    }
+    for (size_t i = 0; i < path.size; i++) {
+        if (!(route->by_id ? is_id_byte(path.bytes[i]) : is_name_byte(path.bytes[i]))) {
+            return 0;
+        }
+    }
+    memcpy(route->asset, path.bytes, path.size);
+    route->asset[path.size] = '\0';
+    return 1;
+}
 
 /* The rest of a field. */
 struct rest {
@@ -29,7 +79,7 @@ static int skip_byte(struct rest *rest, char c)
     return found;
 }
 
-/* Takes a decimal number; one beyond 64 bits becomes the largest. Returns 0 if there is no digit. */
+/* Takes a decimal number; one beyond 64 bits becomes the largest. Returns 0 without a digit. */
 static int take_number(struct rest *rest, uint64_t *number)
 {
     const char *from = rest->at;
@@ -106,10 +156,10 @@ enum umbd_ranges_result umbd_ranges_parse(struct umbd_http1_text field, uint64_t
         }
         skip_blanks(&rest);
     } while (skip_byte(&rest, ','));
-    return rest.at != rest.end        ? UMBD_RANGES_MALFORMED
-           : *count == 0              ? UMBD_RANGES_BEYOND
+    return rest.at != rest.end       ? UMBD_RANGES_MALFORMED
+           : *count == 0             ? UMBD_RANGES_BEYOND
            : overlap(ranges, *count) ? UMBD_RANGES_OVERLAP
-                                      : UMBD_RANGES_OK;
+                                     : UMBD_RANGES_OK;
 }
 
 /* Takes one entity tag. Returns 0 if there is none. */
