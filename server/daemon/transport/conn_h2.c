@@ -166,8 +166,8 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     return 0;
 }
 
-/* When the peer breaks the protocol, nghttp2 ends the session by itself. The GOAWAY frame has the
- * reason. */
+/* Logs the reason in a GOAWAY frame by which nghttp2 ends the session itself, because the peer
+ * broke the protocol. */
 static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
 {
     char reason[64];
@@ -333,9 +333,9 @@ static void stop(struct umbd_conn *conn)
 }
 
 /*
- * Chooses the room for the next bytes. If a large part of one DATA frame is still to come, it is
- * read straight into its message, else into the loop's buffer. Bytes read into a message belong to
- * that frame alone. So they are not read again once the call has them, even if the call then drops
+ * Chooses the memory into which libuv reads the next bytes. If a large part of one DATA frame is
+ * still to come, that is the frame's message, else the loop's buffer. A read into a message gets
+ * bytes of that frame alone. Nothing reads them again once the call has them, so the call may drop
  * its message. libuv reads and calls back at once, so the call cannot end in between.
  */
 static size_t room(struct umbd_conn *conn, uint8_t **place)
