@@ -115,6 +115,7 @@ with test.check("a head has one spelling; every other one is refused, and the co
         (505, ("GET / HTTP/1.2", "Host: h")),
         (505, ("GET / HTTP/2.0", "Host: h")),
         (505, ("PRI * HTTP/2.0",)),
+        (400, ("", "", "GET / HTTP/1.1", "Host: h")),
         (400, ("GET / HTTP/1.1",)),
         (400, ("GET / HTTP/1.1", "Host: h", "Host: h")),
         (400, ("GET / HTTP/1.1", "Host : h")),

@@ -25,11 +25,12 @@
 #define ERROR_NO_ROOM 1 /* of feed: more bytes than the buffer can have; never happens */
 
 struct umbd_conn_http1 {
-    uint8_t *bytes; /* Received bytes that are no request yet */
-    size_t size, capacity;
+    uint8_t *bytes; /* [capacity]; received bytes that are no request yet: [size] at from */
+    size_t from, size, capacity;
     size_t searched;        /* Bytes without the end of a head */
     uint64_t head_ms;       /* Time when the first of the bytes came; uv_now */
     int32_t number;         /* Number of the last request */
+    int blank;              /* 1: an empty line came before the next request */
     int over;               /* 1: no further request is read */
     uint64_t linger_ms;     /* End of the time in which input is discarded; 0 = none */
     const char *last_words; /* Reply that ends the connection; NULL: none */
@@ -53,7 +54,7 @@ static void drop_input(struct umbd_conn *conn)
     umbd_conn_uncharge(conn, http->capacity);
     free(http->bytes);
     http->bytes = NULL;
-    http->size = http->capacity = http->searched = 0;
+    http->from = http->size = http->capacity = http->searched = 0;
 }
 
 static void stop(struct umbd_conn *conn)
@@ -97,6 +98,10 @@ static int grow(struct umbd_conn *conn, size_t count)
     uint64_t limit;
     const char *option;
     const size_t needed = (http->size + count + BUFFER_STEP - 1) / BUFFER_STEP * BUFFER_STEP;
+    if (http->from > 0) {
+        memmove(http->bytes, http->bytes + http->from, http->size);
+        http->from = 0;
+    }
     if (needed <= http->capacity) {
         return 1;
     }
@@ -118,13 +123,12 @@ static int grow(struct umbd_conn *conn, size_t count)
 static void consume(struct umbd_conn *conn, size_t count)
 {
     struct umbd_conn_http1 *http = conn->http1;
+    http->from += count;
     http->size -= count;
     http->searched = 0;
     http->head_ms = uv_now(&conn->loop->uv);
     if (http->size == 0) {
         drop_input(conn);
-    } else {
-        memmove(http->bytes, http->bytes + count, http->size);
     }
 }
 
@@ -154,24 +158,26 @@ static int begin_next(struct umbd_conn *conn)
     if (http->over || conn->terminated || !LIST_EMPTY(&conn->calls) || http->size == 0) {
         return 0;
     }
-    if (http->size >= 2 && memcmp(http->bytes, "\r\n", 2) == 0) {
-        consume(conn, 2); /* RFC 9112 section 2.2: an empty line before a request */
-        return !http->over;
+    const uint8_t *bytes = http->bytes + http->from;
+    if (!http->blank && bytes[0] == '\r' && (http->size == 1 || bytes[1] == '\n')) {
+        http->blank = http->size > 1; /* RFC 9112 section 2.2: an empty line before a request */
+        if (http->blank) {
+            consume(conn, 2);
+        }
+        return http->blank;
     }
-    if (http->size == 1 && http->bytes[0] == '\r') {
-        return 0;
-    }
-    const size_t size = umbd_http1_head_size(http->bytes, http->size, http->searched);
+    const size_t size = umbd_http1_head_size(bytes, http->size, http->searched);
     http->searched = http->size;
     if (size > 0) {
-        umbd_http1_parse(http->bytes, size, &request);
+        http->blank = 0;
+        umbd_http1_parse(bytes, size, &request);
         open_call(conn, &request);
         if (!http->over && !conn->terminated) {
             consume(conn, size);
         }
         return 1;
     }
-    const int refusal = umbd_http1_refuses_early(http->bytes, http->size);
+    const int refusal = umbd_http1_refuses_early(bytes, http->size);
     if (refusal == 0) {
         return 0;
     }
@@ -198,7 +204,7 @@ static int feed(void *user, const uint8_t *bytes, size_t count)
     if (http->size == 0) {
         http->head_ms = uv_now(&conn->loop->uv);
     }
-    memcpy(http->bytes + http->size, bytes, count);
+    memcpy(http->bytes + http->from + http->size, bytes, count);
     http->size += count;
     (void)begin_next(conn);
     return 0;
