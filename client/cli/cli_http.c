@@ -103,11 +103,11 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
 
 static enum umb_status refusal_status(long code)
 {
-    return code == 404                  ? UMB_E_NO_INPUT
-           : code == 401                ? UMB_E_UNAUTHENTICATED
-           : code == 403                ? UMB_E_PERMISSION
-           : code == 429 || code == 503 ? UMB_E_BUSY
-                                        : UMB_E_UNAVAILABLE;
+    return code == 404   ? UMB_E_NO_INPUT
+           : code == 401 ? UMB_E_UNAUTHENTICATED
+           : code == 403 ? UMB_E_PERMISSION
+           : code == 429 ? UMB_E_BUSY
+                         : UMB_E_UNAVAILABLE;
 }
 
 static enum umb_status judge(const struct http *http, const struct fetch *fetch, CURLcode result,

@@ -29,6 +29,7 @@ struct body {
     struct umbs_entry *entry; /* Owned */
     int fd;                   /* -1 = not open yet */
     int away;                 /* 1: a worker has it */
+    int is_ready;             /* 1: the piece is read, and the one before is not taken yet */
     uint64_t file_bytes, body_bytes;
     char fields[UMBD_WEB_ASSET_BYTES];
     char boundary[2 * BOUNDARY_BYTES + 1]; /* "" = one part */
@@ -208,17 +209,7 @@ static void send_piece(struct umbd_call *call, struct body *body)
     call->web->body_bytes += body->piece_bytes;
     call->reply_ended = is_whole(body);
     body->piece = NULL;
-}
-
-static void answer_piece(struct umbd_call *call, struct umbd_task *task)
-{
-    struct body *body = of_task(task);
-    body->away = 0;
-    if (task->status == UMB_OK) {
-        send_piece(call, body);
-    } else {
-        umbd_call_fail_work(call, task->status, &task->error);
-    }
+    body->is_ready = 0;
 }
 
 /* Sends the task for the next piece. Fails: E_BUSY, E_NO_MEMORY; another try may succeed. */
@@ -236,6 +227,34 @@ static enum umb_status next_piece(struct umbd_call *call, struct body *body,
     enum umb_status status = umbd_call_send_task(call, &body->task, body->piece_capacity, error);
     body->away = status == UMB_OK;
     return status;
+}
+
+/* Sends the piece that is ready if the one before is taken, and has the next one read meanwhile. If
+ * the queue is full, the tick tries again. */
+static void go_on(struct umbd_call *call, struct body *body)
+{
+    struct umb_error error;
+    if (body->is_ready && umbd_call_unsent(call) == 0) {
+        send_piece(call, body);
+    }
+    if (!body->is_ready && !body->away && !is_whole(body)) {
+        (void)!next_piece(call, body, &error);
+    }
+}
+
+static void answer_piece(struct umbd_call *call, struct umbd_task *task)
+{
+    struct body *body = of_task(task);
+    body->away = 0;
+    if (call->reply_ended) {
+        return; /* the call failed meanwhile */
+    }
+    if (task->status == UMB_OK) {
+        body->is_ready = 1;
+        go_on(call, body);
+    } else {
+        umbd_call_fail_work(call, task->status, &task->error);
+    }
 }
 
 /* Makes a random boundary. Returns 0 if the kernel has no random bytes. */
@@ -291,7 +310,9 @@ uint64_t umbd_web_body_begin(struct umbd_call *call, struct umbs_entry **entry, 
     }
     body->entry = *entry;
     *entry = NULL;
-    if (!umbd_call_charge(call, sizeof *body + UMBD_WEB_HEAD_BYTES + body->piece_capacity)) {
+    const size_t pieces = body->body_bytes > body->piece_capacity ? 2 : 1;
+    if (!umbd_call_charge(call,
+                          sizeof *body + pieces * (UMBD_WEB_HEAD_BYTES + body->piece_capacity))) {
         free_body(&body->task);
         return 0;
     }
@@ -321,10 +342,8 @@ void umbd_web_send(struct umbd_call *call, const char *head, size_t size)
 void umbd_web_body_more(struct umbd_call *call)
 {
     struct body *body = call->state;
-    struct umb_error error;
-    if (body != NULL && !body->away && !call->reply_ended && umbd_call_unsent(call) == 0) {
-        /* If the queue is full, the tick tries again: the reply has begun. */
-        (void)!next_piece(call, body, &error);
+    if (body != NULL && !body->away && !call->reply_ended) {
+        go_on(call, body);
     }
 }
 

@@ -3,8 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_SERVICE_WEB_BODY_H
 /*
  * Bodies of replies that have the bytes of a packed file: the whole file, one range, or several
- * ranges as multipart/byteranges. A worker reads a piece at a time, the next one when the client
- * has taken the one before. A reply therefore holds one piece, whatever the size of the file.
+ * ranges as multipart/byteranges. A worker reads a piece at a time, the next one while the client
+ * takes the one before. A reply therefore holds two pieces, whatever the size of the file.
  */
 #include "daemon/call/call.h"
 #include "umbrage/region.h"
