@@ -5,7 +5,9 @@
 
 #include <stdlib.h>
 #include <string.h>
+#ifndef __wasi__ /* WebAssembly has no pages to advise */
 #include <sys/mman.h>
+#endif
 
 #define CACHE_LINE 64U
 #define LARGE_PAGE ((uintptr_t)2 << 20) /* Bytes on x86-64; other systems round or refuse */
@@ -36,6 +38,22 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
     return umb__resize(alloc, NULL, bytes ? bytes : 1);
 }
 
+/* Advises the system to use large pages for a block. The advice covers only those that lie wholly
+ * inside the block, so it never touches another block's memory. */
+static void advise_large(void *block, size_t bytes)
+{
+#ifndef __wasi__
+    const uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
+    const uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
+    if (first < end) {
+        (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
+    }
+#else
+    (void)block;
+    (void)bytes;
+#endif
+}
+
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
 {
     size_t bytes;
@@ -46,13 +64,7 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
     void *block =
         alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
     if (block) {
-        /* The advice covers only large pages that lie wholly inside the block, so it never touches
-         * another block's memory. */
-        uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
-        uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
-        if (first < end) {
-            (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
-        }
+        advise_large(block, bytes);
     }
     return block;
 }

@@ -3,6 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX2_H
 /* Lanes (kernel_place_lanes.h) of AVX2: four doubles. */
 #include <immintrin.h>
+#include "query/kernel_eights_avx2.h"
 #include "query/kernel_parts.h"
 
 #define UMB__LANES 4U
@@ -57,7 +58,7 @@ static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 }
 
 /* Eight integers from two times four lanes. */
-static inline __m256i umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
+static inline umb__eight umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
 {
     return _mm256_inserti128_si256(_mm256_castsi128_si256(part[0]), part[1], 1);
 }

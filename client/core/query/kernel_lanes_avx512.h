@@ -3,6 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX512_H
 /* Lanes (kernel_place_lanes.h) of AVX-512: eight doubles. */
 #include <immintrin.h>
+#include "query/kernel_eights_avx2.h"
 #include "query/kernel_parts.h"
 
 #define UMB__LANES 8U
@@ -59,7 +60,7 @@ static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 }
 
 /* Eight integers from eight lanes. */
-static inline __m256i umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
+static inline umb__eight umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
 {
     return part[0];
 }

@@ -7,8 +7,8 @@
  * every voxel index is the same. If one of eight points is not clearly inside the frustum, all
  * eight go point by point.
  *
- * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes)
- * or kernel_lanes_avx512.h (eight) before this one.
+ * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes),
+ * kernel_lanes_avx512.h (eight) or kernel_lanes_simd128.h (two) before this one.
  */
 #include "query/kernel_parts.h"
 
@@ -22,9 +22,9 @@ struct umb__lane_placer {
     umb__lanes to_voxel[3][4];
     umb__lanes voxel_step[3][3]; /* For points with normals, as is direction */
     umb__lanes direction[3];
-    __m256i half;  /* Number of texels before a window's centre */
-    __m256i reach; /* Number of texels from a window's first to its last */
-    __m128i log2_size;
+    umb__eight half;  /* Number of texels before a window's centre */
+    umb__eight reach; /* Number of texels from a window's first to its last */
+    umb__eight_shift log2_size;
 };
 
 static inline void umb__lane_placer_init(const struct umb__query *q,
@@ -46,9 +46,9 @@ static inline void umb__lane_placer_init(const struct umb__query *q,
             placer->voxel_step[axis][k] = UMB__LANES_OF(q->voxel_step[axis][k]);
         }
     }
-    placer->half = _mm256_set1_epi32(q->taps / 2);
-    placer->reach = _mm256_set1_epi32(q->taps - 1);
-    placer->log2_size = _mm_cvtsi32_si128((int)q->log2_size);
+    placer->half = umb__eight_of(q->taps / 2);
+    placer->reach = umb__eight_of(q->taps - 1);
+    placer->log2_size = umb__eight_shift_of(q->log2_size);
 }
 
 static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes w[3])
@@ -132,9 +132,11 @@ UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, cons
            lift->slope[1] * (half - (v[1] - UMB__LANES_FROM_INTS(at[1]))) - lift->depth;
 }
 
-/* First texels of windows, a point a lane, and bits of points negative or facing away. */
+/* First texels of windows, a point a lane, and bits of points negative or facing away. A coordinate
+ * beyond 32 bits is INT32_MIN or INT32_MAX. One that is NaN is INT32_MIN, or its lane is in
+ * `negative`. */
 struct umb__placed_lanes {
-    umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
+    umb__lane_ints axis[3];
     unsigned negative, away;
 };
 
@@ -173,16 +175,6 @@ UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_pla
     return to;
 }
 
-/* Sets the lanes of points without a look-up to voxel 0, 0, 0. */
-static inline void umb__clear_lanes(__m256i v[3], unsigned away)
-{
-    const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-    __m256i cleared = _mm256_set1_epi32((int)away) & bits;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        v[axis] = _mm256_andnot_si256(_mm256_cmpeq_epi32(cleared, bits), v[axis]);
-    }
-}
-
 /*
  * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
  * look-up in the low byte, and those that face away in the next byte. A lane in neither has a point
@@ -203,24 +195,22 @@ UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, siz
         negative |= placed.negative << k * UMB__LANES;
         away |= placed.away << k * UMB__LANES;
     }
-    __m256i v[3], ends;
+    umb__eight v[3], ends;
     v[2] = ends = umb__join_ints(part[2]);
     for (unsigned axis = 0; axis < 2; axis++) {
         /* The window's first texel, not its centre. */
-        v[axis] = _mm256_sub_epi32(umb__join_ints(part[axis]), placer->half);
-        ends |= v[axis];
-        ends |= _mm256_add_epi32(v[axis], placer->reach);
+        v[axis] = umb__eight_sub(umb__join_ints(part[axis]), placer->half);
+        ends = umb__eight_or(ends, v[axis]);
+        ends = umb__eight_or(ends, umb__eight_add(v[axis], placer->reach));
     }
-    __m256i beyond = _mm256_srl_epi32(ends, placer->log2_size);
-    __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
-    unsigned look = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(inside)) & ~negative & ~away;
-    if (away) {
-        umb__clear_lanes(v, away);
+    unsigned look = umb__eight_below(ends, placer->log2_size) & ~negative & ~away;
+    for (unsigned axis = 0; axis < 3 && away; axis++) {
+        v[axis] = umb__eight_clear(v[axis], away); /* Points without a look-up: voxel 0, 0, 0 */
     }
-    _mm256_storeu_si256((__m256i *)(void *)(block->x + i), v[0]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->y + i), v[1]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->z + i), v[2]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_setzero_si256());
+    umb__eight_store(block->x + i, v[0]);
+    umb__eight_store(block->y + i, v[1]);
+    umb__eight_store(block->z + i, v[2]);
+    umb__eight_store((int32_t *)block->lit + i, umb__eight_of(0));
     return look | away << 8;
 }
 
