@@ -52,3 +52,14 @@ $(WEB_LIB): $(patsubst %,$(BUILD)/client/web/module/%.o,web_sha256 zstd_frame zs
 
 web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE ## the npm package `umbrage`, in BUILD/web (clang, lld, wasi-libc)
 .PHONY: web
+
+# Speed of the package against the native kernels without AVX.
+$(BUILD)/base_kernels: $(BUILD)/tests/bench/base_kernels.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+web-race: web $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/base_kernels ## node against the native kernels without AVX, city of 16384 voxels: two minutes
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && $(BUILD)/scenegen city --size 50 -o $$folder/city.glb && \
+	$(BUILD)/umbrage-bake $$folder/city.glb -o $$folder/city.umb --resolution 16384 --sun 135,45 --quiet --verify 0 && \
+	$(BUILD)/umbrage points $$folder/city.glb -o $$folder/city.f32 --kind gbuffer --camera eye=1,1.7,1,target=100,1.7,9,fov=60 \
+		--normals --quiet && BUILD=$(BUILD) tests/bench/web_race.py $$folder/city.umb $$folder/city.f32
+.PHONY: web-race

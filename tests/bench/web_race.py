@@ -1,0 +1,47 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+One thread of node against the native kernels without AVX, in turns on the same points: `make web-race`. CPU time;
+medians of the rounds. UMBRAGE_PACKAGE names another build of the package.
+
+    web_race.py FILE POINTS [ROUNDS]
+"""
+import os
+import statistics
+import subprocess
+import sys
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
+PACKAGE = os.environ.get("UMBRAGE_PACKAGE", os.path.join(BUILD, "web", "umbrage"))
+WAYS = [("box", 1), ("box", 9), ("box", 17), ("tent", 9), ("tent", 17)]
+
+
+def start(*words):
+    return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+
+
+def ask(process, filter_, taps):
+    process.stdin.write(f"{filter_} {taps}\n")
+    process.stdin.flush()
+    return float(process.stdout.readline())
+
+
+def main():
+    asset, points, rounds = sys.argv[1], sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 9
+    native = start(os.path.join(BUILD, "base_kernels"), asset, points)
+    web = start("node", os.path.join(ROOT, "tests/bench/web_race.mjs"), PACKAGE, asset, points)
+    for way in WAYS:
+        for _ in range(3):  # the engine compiles what is hot
+            ask(native, *way), ask(web, *way)
+        pairs = [(ask(native, *way), ask(web, *way)) for _ in range(rounds)]
+        base, ours = (statistics.median(times) for times in zip(*pairs))
+        ratio = statistics.median(b / a for a, b in pairs)
+        print(f"{way[0]} {way[1]:2}: native baseline {base:6.1f} ns a point, WebAssembly {ours:6.1f}, ratio {ratio:.2f}")
+    for process in (native, web):
+        process.stdin.close()
+        process.wait(10)
+
+
+if __name__ == "__main__":
+    main()

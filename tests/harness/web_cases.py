@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Cases of tests/web/suite.mjs: assets of several scenes, points, and the answers of `umbrage query`.
+"""
+import gzip
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+
+import forged_pages
+import umbrage_test as ut
+
+PACKAGE = os.path.join(ut.BUILD, "web", "umbrage")
+POINTS = int(os.environ.get("UMBRAGE_POINTS", "65536"))
+STREET = {"eye": [1, 1.7, 1], "target": [100, 1.7, 9], "fov_y": 1.047, "aspect": 1.778, "far_m": 150}
+# Scene, size of its generator, options of the bake, and the camera of the points.
+SCENES = {
+    "city": (24, ["--resolution", 4096, "--sun", "135,45"], "eye=1,1.7,1,target=100,1.7,9,fov=60"),
+    "terrain": (512, ["--resolution", 2048, "--closed", "off"], "az=40,el=30"),
+    "bridge": (30, ["--resolution", 2048], "az=200,el=20"),
+    "forest": (60, ["--resolution", 2048], "az=100,el=25"),
+    "houses": (12, ["--resolution", 2048, "--closed", "off"], "az=10,el=40"),
+    "hall": (20, ["--resolution", 1024], "az=70,el=30"),
+}
+QUERIES = [{"taps": 1}, {"taps": 9}, {"taps": 17}, {"taps": 9, "filter": "tent"}, {"taps": 17, "filter": "tent"},
+           {"taps": 9, "format": "u8"}, {"taps": 9, "format": "bit"}, {"taps": 5, "filter": "gaussian"},
+           {"taps": 3, "filter": "footprint", "footprint_m": 2.5}, {"level": 3}, {"taps": 9, "bias": "none"}]
+OPTIONS = {"taps": "--taps", "filter": "--filter", "footprint_m": "--footprint", "level": "--level", "bias": "--bias"}
+
+
+def need_package():
+    """Skips the test where the package is not built."""
+    if not os.path.exists(os.path.join(PACKAGE, "umbrage.wasm")):
+        ut.skip("the package umbrage is not built: make web (clang, lld, wasi-libc, libclang-rt-dev-wasm32)")
+
+
+def count_checks(test, checks):
+    assert checks, "the suite ran no check"
+    for one in checks:
+        with test.check(f"{one['name']} {one['detail'] if one['ok'] else ''}"):
+            assert one["ok"], one["detail"]
+
+
+def sizes():
+    """Bytes of the package and of its module, and of the module compressed."""
+    files = [os.path.join(PACKAGE, name) for name in os.listdir(PACKAGE)]
+    with open(os.path.join(PACKAGE, "umbrage.wasm"), "rb") as file:
+        module = file.read()
+    return {"module": len(module), "module_gzip": len(gzip.compress(module, 9)),
+            "package": sum(os.path.getsize(path) for path in files)}
+
+
+class Cases:
+    """Files in the test's folder, and the configurations that name them."""
+
+    def __init__(self, test, scenes=tuple(SCENES)):
+        self.test, self.ids, self.scenes = test, {}, scenes
+        for name in scenes:
+            size, options, camera = SCENES[name]
+            scene = test.scene(name, size)
+            self.ids[f"{name}.umb"] = test.bake(scene, test.path(f"{name}.umb"), "--verify", 0, *options)["asset"]
+            ut.run("umbrage", "points", scene, "-o", test.path(f"{name}.f32"), "--kind", "gbuffer", "--count", POINTS,
+                   "--camera", camera, "--normals", "--quiet")
+
+    def _answers(self, name, number, settings, points, *options):
+        """The native answers in a file; returns its name."""
+        out = f"{name}-{number}.answers"
+        words = [word for key, value in settings.items() if key in OPTIONS for word in (OPTIONS[key], value)]
+        ut.run("umbrage", "query", self.test.path(f"{name}.umb"), "--points", self.test.path(points), "--quiet",
+               "--encoding", settings.get("format", "f32"), "-o", self.test.path(out), *words, *options)
+        return out
+
+    def _bits(self, name):
+        for number, settings in enumerate(QUERIES):
+            yield {"asset": f"{name}.umb", "points": f"{name}.f32", "normals": True, "settings": settings,
+                   "expected": self._answers(name, number, settings, f"{name}.f32", "--format", "f32", "--normals")}
+        rng, wide = random.Random(7), f"{name}.f64"
+        with open(self.test.path(wide), "wb") as file:
+            file.write(ut.floats([rng.uniform(-300, 300) for _ in range(3 * POINTS // 8)], "d"))
+        for number, settings in enumerate([{"taps": 1}, {"taps": 9}]):
+            yield {"asset": f"{name}.umb", "points": wide, "wide": True, "settings": settings,
+                   "expected": self._answers(name, f"wide{number}", settings, wide, "--format", "f64")}
+
+    def some(self):
+        """The street of the city: bounds, overlapping calls, a budget."""
+        expected = self._answers("city", "street", {"taps": 9}, "city.f32", "--format", "f32", "--normals")
+        street = {"asset": "city.umb", "points": "city.f32", "normals": True, "settings": {"taps": 9},
+                  "expected": expected, "camera": STREET}
+        return {"ids": self.ids, "bounds": [street], "budgets": [{**street, "memory": 1_000_000}]}
+
+    def all(self, rounds):
+        with open(self.test.path("city.umb"), "rb") as file:
+            city = file.read()
+        page, lie = next((page, lie) for page in range(5, 40) if (lie := forged_pages.forge(city, page)))
+        with open(self.test.path("forged.umb"), "wb") as file:
+            file.write(lie)
+        ut.run("umbrage-bake", self.test.scene("city", 2), "-o", self.test.path("small.umb"), "--resolution", 512,
+               "--verify", 0, "--quiet")
+        return {**self.some(), "bits": [one for name in self.scenes for one in self._bits(name)],
+                "mistakes": [{"asset": "city.umb"}], "forged": [{"forged": "forged.umb", "page": page}],
+                "hostile": [{"asset": "small.umb", "rounds": rounds, "seed": 20261123}]}
+
+
+def example():
+    """The first example of docs/guide/web.md."""
+    with open(os.path.join(ut.ROOT, "docs/guide/web.md"), encoding="utf-8") as file:
+        return re.search(r"<!-- example -->\n```js\n(.*?)```", file.read(), re.DOTALL).group(1)
+
+
+def check_example(test, cases):
+    with test.check("the guide's example runs, and the package works where npm puts it"):
+        place = test.path("project", "node_modules", "umbrage")
+        os.makedirs(os.path.dirname(place))
+        shutil.copytree(PACKAGE, place)
+        shutil.copy(test.path("city.umb"), test.path("project", "city.umb"))
+        code = example().replace("https://example.org/", "").replace("98292c97...", cases.ids["city.umb"])
+        assert len(code.splitlines()) <= 10, code
+        with open(test.path("project", "example.mjs"), "w", encoding="utf-8") as file:
+            file.write(code)
+        done = subprocess.run(["node", "--no-warnings", "example.mjs"], cwd=test.path("project"), check=True,
+                              timeout=60, stdout=subprocess.PIPE)
+        assert re.fullmatch(r"\d+ of \d+ answers are exact, the first is [01].*\n", done.stdout.decode()), done.stdout
+
+
+def check_servers(test, cases):
+    """Servers that answer otherwise than asked."""
