@@ -34,7 +34,7 @@ $(WEB_DIR)/libcore.a: $(WEB_CORE_OBJ)
 $(WEB_PACKAGE)/umbrage.wasm: $(WEB_OBJ) $(WEB_DIR)/libcore.a
 	@mkdir -p $(@D)
 	$(call say,LD,$@)
-	$(Q)$(WEB_CC) --target=wasm32-wasi -mexec-model=reactor $^ -Wl,--gc-sections -Wl,--strip-all -Wl,--stack-first \
+	$(Q)$(WEB_CC) --target=wasm32-wasi -mexec-model=reactor $^ -Wl,--gc-sections -Wl,--strip-debug -Wl,--stack-first \
 		-Wl,-z,stack-size=1048576 -Wl,--max-memory=4294901760 -o $@
 $(WEB_FILES): $(WEB_PACKAGE)/%: client/web/umbrage/%
 	@mkdir -p $(@D)

@@ -17,6 +17,8 @@ typedef __m256d umb__lane_mask;
 #define UMB__LANES_ABS(a)                _mm256_andnot_pd(_mm256_set1_pd(-0.0), a)
 #define UMB__LANES_ABOVE(a, b)           _mm256_cmp_pd(a, b, _CMP_GT_OQ)
 #define UMB__LANES_AT_LEAST(a, b)        _mm256_cmp_pd(a, b, _CMP_GE_OQ)
+#define UMB__LANES_NONE(mask)            ((void)(mask), false)
+#define UMB__LANES_ALL(mask)             ((void)(mask), false)
 #define UMB__MASK_AND(a, b)              _mm256_and_pd(a, b)
 #define UMB__MASK_BITS(mask)             ((unsigned)_mm256_movemask_pd(mask))
 #define UMB__LANES_SELECT(mask, yes, no) _mm256_blendv_pd(no, yes, mask)

@@ -17,6 +17,8 @@ typedef __mmask8 umb__lane_mask;
 #define UMB__LANES_ABS(a)                _mm512_andnot_pd(_mm512_set1_pd(-0.0), a)
 #define UMB__LANES_ABOVE(a, b)           _mm512_cmp_pd_mask(a, b, _CMP_GT_OQ)
 #define UMB__LANES_AT_LEAST(a, b)        _mm512_cmp_pd_mask(a, b, _CMP_GE_OQ)
+#define UMB__LANES_NONE(mask)            ((void)(mask), false)
+#define UMB__LANES_ALL(mask)             ((void)(mask), false)
 #define UMB__MASK_AND(a, b)              ((umb__lane_mask)((a) & (b)))
 #define UMB__MASK_BITS(mask)             (mask)
 #define UMB__LANES_SELECT(mask, yes, no) _mm512_mask_blend_pd(mask, no, yes)

@@ -17,6 +17,8 @@ typedef long long umb__lane_mask __attribute__((vector_size(16)));
 #define UMB__LANES_ABS(a)         ((umb__lanes)wasm_f64x2_abs((v128_t)(a)))
 #define UMB__LANES_ABOVE(a, b)    ((umb__lane_mask)((a) > (b)))
 #define UMB__LANES_AT_LEAST(a, b) ((umb__lane_mask)((a) >= (b)))
+#define UMB__LANES_NONE(mask)     (!wasm_v128_any_true((v128_t)(mask)))
+#define UMB__LANES_ALL(mask)      wasm_i64x2_all_true((v128_t)(mask))
 #define UMB__MASK_AND(a, b)       ((a) & (b))
 #define UMB__MASK_BITS(mask)      ((unsigned)wasm_i64x2_bitmask((v128_t)(mask)))
 #define UMB__LANES_SELECT(mask, yes, no)                                                           \

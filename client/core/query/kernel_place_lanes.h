@@ -8,7 +8,9 @@
  * eight go point by point.
  *
  * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes),
- * kernel_lanes_avx512.h (eight) or kernel_lanes_simd128.h (two) before this one.
+ * kernel_lanes_avx512.h (eight) or kernel_lanes_simd128.h (two) before this one. With few lanes it
+ * pays to ask whether a mask has none or all of them (UMB__LANES_NONE, UMB__LANES_ALL) and to skip
+ * what only the others need; with many lanes both are always false.
  */
 #include "query/kernel_parts.h"
 
@@ -86,10 +88,16 @@ UMB__INLINE umb__lanes umb__lift_lanes(const struct umb__lane_placer *placer, co
     const umb__lanes rest = half * (UMB__LANES_OF(taps) * across + depth) - most * depth;
     const umb__lane_mask more = UMB__LANES_ABOVE(rest, zero);
     const umb__lanes exact = half * (UMB__LANES_OF(taps - follows) * across + depth) / depth;
+    lift->depth = exact;
+    for (unsigned axis = 0; axis < 2; axis++) {
+        lift->slope[axis] = UMB__LANES_OF(follows) * along[axis] / depth;
+    }
+    if (UMB__LANES_NONE(more)) {
+        return zero;
+    }
     lift->depth = UMB__LANES_SELECT(more, most, exact);
     for (unsigned axis = 0; axis < 2; axis++) {
-        const umb__lanes slope = UMB__LANES_OF(follows) * along[axis] / depth;
-        lift->slope[axis] = UMB__LANES_SELECT(more, zero, slope);
+        lift->slope[axis] = UMB__LANES_SELECT(more, zero, lift->slope[axis]);
     }
     return UMB__LANES_SELECT(more, rest / length2, zero);
 }
@@ -107,17 +115,21 @@ UMB__INLINE unsigned umb__move_lanes(const struct umb__lane_placer *placer, size
     umb__lane_mask has =
         UMB__MASK_AND(UMB__LANES_ABOVE(length2, zero),
                       UMB__LANES_AT_LEAST(UMB__LANES_OF(UMB__LENGTH2_MAX), length2));
+    const bool all = UMB__LANES_ALL(has);
     *lift = (struct umb__lanes_lift){zero, {zero, zero}};
     if (q->bias_mode == UMB_BIAS_AUTO) {
         scale = umb__lift_lanes(placer, n, length2, lift);
-        lift->depth = UMB__LANES_SELECT(has, lift->depth, zero);
-        lift->slope[0] = UMB__LANES_SELECT(has, lift->slope[0], zero);
-        lift->slope[1] = UMB__LANES_SELECT(has, lift->slope[1], zero);
+        if (!all) {
+            lift->depth = UMB__LANES_SELECT(has, lift->depth, zero);
+            lift->slope[0] = UMB__LANES_SELECT(has, lift->slope[0], zero);
+            lift->slope[1] = UMB__LANES_SELECT(has, lift->slope[1], zero);
+        }
     } else {
         scale = UMB__LANES_OF(q->bias_m) / UMB__LANES_SQRT(length2);
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = UMB__LANES_SELECT(has, p[axis] + n[axis] * scale, p[axis] - placer->push[axis]);
+        const umb__lanes moved = p[axis] + n[axis] * scale;
+        p[axis] = all ? moved : UMB__LANES_SELECT(has, moved, p[axis] - placer->push[axis]);
     }
     umb__lane_mask away = UMB__LANES_AT_LEAST(umb__lanes_dot(n, placer->direction), zero);
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
