@@ -3,14 +3,17 @@
 Cases of tests/web/suite.mjs: assets of several scenes, points, and the answers of `umbrage query`.
 """
 import gzip
+import http.server
+import json
 import os
 import random
 import re
 import shutil
 import subprocess
-import sys
+import threading
 
 import forged_pages
+import link
 import umbrage_test as ut
 
 PACKAGE = os.path.join(ut.BUILD, "web", "umbrage")
@@ -99,9 +102,16 @@ class Cases:
             file.write(lie)
         ut.run("umbrage-bake", self.test.scene("city", 2), "-o", self.test.path("small.umb"), "--resolution", 512,
                "--verify", 0, "--quiet")
+        with open(self.test.path("small.umb"), "rb") as file:
+            small, rng, sealed = file.read(), random.Random(20261123), []
+        for number in range(rounds // 2):
+            sealed.append(f"spoilt-{number}.umb")
+            with open(self.test.path(sealed[-1]), "wb") as file:
+                file.write(forged_pages.spoil(small, rng))
         return {**self.some(), "bits": [one for name in self.scenes for one in self._bits(name)],
                 "mistakes": [{"asset": "city.umb"}], "forged": [{"forged": "forged.umb", "page": page}],
-                "hostile": [{"asset": "small.umb", "rounds": rounds, "seed": 20261123}]}
+                "hostile": [{"asset": "small.umb", "rounds": rounds - len(sealed), "seed": 20261123,
+                             "sealed": sealed}]}
 
 
 def example():
@@ -125,5 +135,48 @@ def check_example(test, cases):
         assert re.fullmatch(r"\d+ of \d+ answers are exact, the first is [01].*\n", done.stdout.decode()), done.stdout
 
 
-def check_servers(test, cases):
-    """Servers that answer otherwise than asked."""
+class Liar(http.server.BaseHTTPRequestHandler):
+    """Answers /404, /long, /place and /cut otherwise than asked."""
+
+    def do_GET(self):
+        kind, asset = self.path.split("/")[1:3]
+        first, last = (int(number) for number in self.headers["Range"].removeprefix("bytes=").split("-"))
+        with open(os.path.join(self.server.folder, asset), "rb") as file:
+            file.seek(first)
+            body = file.read(last - first + 1)
+        self.send_response(404 if kind == "404" else 206)
+        self.send_header("Content-Range", f"bytes {first + (kind == 'place')}-{last}/{1 << 30}")
+        self.end_headers()
+        self.wfile.write(body[:len(body) // 2] if kind == "cut" else body * (3 if kind == "long" else 1))
+
+    def log_message(self, *_):
+        pass
+
+
+def check_servers(test):
+    """Servers that answer otherwise than asked are named, and an endless answer is not read to its end."""
+    liar = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Liar)
+    liar.daemon_threads, liar.folder, liar.handle_error = True, test.folder, lambda *_: None
+    threading.Thread(target=liar.serve_forever, daemon=True).start()
+    without = link.RangeServer(test.folder, serves_ranges=False)
+    place = f"http://127.0.0.1:{liar.server_address[1]}"
+    wanted = {f"{place}/404/city.umb": ["E_NOT_FOUND", "status 404"],
+              f"{place}/long/city.umb": ["E_PROTOCOL", "sends more than the 32768 bytes"],
+              f"{place}/place/city.umb": ["E_PROTOCOL", "sends byte 1, asked for 0"],
+              f"{place}/cut/small.umb": ["E_TRUNCATED", ""],
+              f"http://127.0.0.1:{without.port}/city.umb": ["E_UNSUPPORTED", "knows no ranges"],
+              "http://127.0.0.1:1/city.umb": ["E_UNAVAILABLE", "http://127.0.0.1:1/city.umb: "],
+              test.path("no.umb"): ["E_NO_INPUT", "no.umb"]}
+    code = """
+        const { open } = await import(process.argv[1]);
+        for (const [address, [code, words]] of Object.entries(JSON.parse(process.argv[2]))) {
+          const error = await open(address).then((asset) => asset.want({})).then(() => ({}), (error) => error);
+          if (error.code !== code || !error.message.includes(words)) {
+            throw new Error(`${address}: ${error.code} ${error.message}`);
+          }
+        }"""
+    with test.check("servers that answer otherwise than asked are named"):
+        subprocess.run(["node", "--no-warnings", "--input-type=module", "-e", code, os.path.join(PACKAGE, "index.js"),
+                        json.dumps(wanted)], check=True, timeout=60)
+    without.close()
+    liar.shutdown()

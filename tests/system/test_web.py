@@ -34,8 +34,8 @@ def suite(config, *url):
 suite(cases.all(rounds=1000))
 server = link.RangeServer(test.folder)
 suite(cases.some(), f"http://127.0.0.1:{server.port}")
-#web_cases.check_example(test, cases)
-web_cases.check_servers(test, cases)
+web_cases.check_example(test, cases)
+web_cases.check_servers(test)
 with test.check("the module is at most 150 KB compressed, and the package at most 400 KB"):
     sizes = web_cases.sizes()
     print(sizes)
