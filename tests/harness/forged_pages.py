@@ -154,6 +154,6 @@ def spoil(whole, rng):
         at = table + BLOCK_ENTRY * (first // BLOCK_PAGES) + 8
         data[at:at + 32] = block
         hashes += block
-    data[40:72] = hashlib.sha256(data[HEAD:table] + hashes).digest()
+    data[48:80] = hashlib.sha256(data[HEAD:table] + hashes).digest()
     seal(data)
     return bytes(data)
