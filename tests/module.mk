@@ -92,8 +92,8 @@ volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, col
 		for what in segments columns boxes; do echo "$$scene: $$what against rays" && \
 			$(BUILD)/umbrage verify $$file.umb --scene $$file.ply --ask $$what || exit 1; done || exit 1; done
 
-# Every hard case against long double or exact references, 10^6 random cases or more of each; rays
-# through edges and corners 10^8.
+# Compares every hard case with long double or exact references, in 10^6 random cases or more of
+# each; 10^8 for rays through edges and corners.
 NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum maps_moments) \
 	$(addprefix bake/test_,coverage_exact coverage_watertight eye_clip light_frame) core/test_query_places)
 NUMERIC_ROUNDS := $(addprefix $(BUILD)/tests/unit/maps/test_maps_,bounds deep pcf)
@@ -121,7 +121,8 @@ determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for t
 	@tests/system/determinism.py $(DETERMINISM:%=build/det-%)
 .PHONY: numerics same-bits determinism
 
-# Light behind translucent casters of a bake against products over all that the light meets.
+# Compares the light behind translucent casters of a bake with products over all surfaces that the
+# light meets.
 $(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_scene)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_scene) -o $@
@@ -139,7 +140,7 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
 .PHONY: kernel-bits
 
-# Random lamps on, above, below and inside surfaces against brute force in long double.
+# Compares random lamps on, above, below and inside surfaces with brute force in long double.
 $(BUILD)/lamp_check: $(BUILD)/tests/agreement/lamp_check.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
@@ -149,7 +150,7 @@ lamps: $(PROGRAMS) $(BUILD)/lamp_check ## random lamps near surfaces, each bake 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/lamps.py $(LAMPS) $(LAMP_SEED)
 .PHONY: lamps
 
-# Penumbras of lamps against rays to their points.
+# Compares penumbras of lamps with rays to the lamps' points.
 AREA_LIGHTS ?= 4096 480 16
 area-lights: $(PROGRAMS) $(BUILD)/scenegen ## penumbras of lamps and area lights in five scenes against rays (AREA_LIGHTS="VOXELS PIXELS RAYS"): five minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/area_lights.py $(AREA_LIGHTS)

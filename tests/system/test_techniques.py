@@ -1,10 +1,11 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-`umbrage-study techniques`, `umbrage-study deep` and `umbrage aliasing`: every technique on the same points of a generated scene against rays.
+`umbrage-study techniques`, `umbrage-study deep` and `umbrage aliasing`: every technique is compared with rays on the
+same points of a generated scene.
 
-Bounds: PCF is off only by texels that an edge crosses; the orders of techniques are those of
-docs/results/techniques.md, which every scene there shows.
+Bounds: PCF may be wrong only at texels that an edge crosses. The techniques must rank as in docs/results/techniques.md,
+where every scene shows the same ranking.
 """
 import os
 import subprocess

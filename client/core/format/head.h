@@ -16,8 +16,8 @@ struct umb__head {
     uint32_t page_count;       /* Number of pages of a packed file, else 0 */
     uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
                                   none */
-    const uint8_t *entries[2]; /* Entries of the pages: those of the first block, and those of the
-                                  others as one array. NULL from umb__head_parse_front */
+    const uint8_t *entries[2]; /* Entries of pages: one array for the first block, and one for all
+                                  other blocks. NULL after umb__head_parse_front */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];
