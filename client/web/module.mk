@@ -16,8 +16,8 @@ WEB_CORE_OBJ := $(WEB_CORE:%.c=$(WEB_DIR)/obj/%.o)
 WEB_OBJ := $(patsubst %.c,$(WEB_DIR)/obj/%.o,$(wildcard client/web/module/*.c))
 WEB_FILES := $(patsubst client/web/umbrage/%,$(WEB_PACKAGE)/%,$(wildcard client/web/umbrage/*.js client/web/umbrage/*.ts))
 
-.SECONDARY: $(WEB_DIR)/include/xxhash.h $(WEB_DIR)/include/zstd.h
 # The headers of these two libraries, without the C library beside them.
+.SECONDARY: $(WEB_DIR)/include/xxhash.h $(WEB_DIR)/include/zstd.h
 $(WEB_DIR)/include/%.h:
 	@mkdir -p $(@D)
 	$(Q)cp $(firstword $(wildcard /usr/local/include/$*.h /usr/include/$*.h)) $@
@@ -34,7 +34,7 @@ $(WEB_DIR)/libcore.a: $(WEB_CORE_OBJ)
 $(WEB_PACKAGE)/umbrage.wasm: $(WEB_OBJ) $(WEB_DIR)/libcore.a
 	@mkdir -p $(@D)
 	$(call say,LD,$@)
-	$(Q)$(WEB_CC) --target=wasm32-wasi -mexec-model=reactor $^ -Wl,--gc-sections -Wl,--strip-debug -Wl,--stack-first \
+	$(Q)$(WEB_CC) --target=wasm32-wasi -mexec-model=reactor $^ -Wl,--gc-sections -Wl,--strip-all -Wl,--stack-first \
 		-Wl,-z,stack-size=1048576 -Wl,--max-memory=4294901760 -o $@
 $(WEB_FILES): $(WEB_PACKAGE)/%: client/web/umbrage/%
 	@mkdir -p $(@D)
@@ -51,7 +51,13 @@ WEB_LIB := $(BUILD)/libumbrage-web.a
 $(WEB_LIB): $(patsubst %,$(BUILD)/client/web/module/%.o,web_sha256 zstd_frame zstd_fse zstd_literals)
 
 web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE ## the npm package `umbrage`, in BUILD/web (clang, lld, wasi-libc)
-.PHONY: web
+
+# The package where its tools are; tests skip it by its name elsewhere.
+web-if-here:
+	@if why=$$(sh client/web/tools.sh "$(WEB_CC)"); then $(MAKE) --no-print-directory web; else echo "skipped web: $$why"; fi
+test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen ## the package in node and in headless Chromium, where they are installed
+	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py
+.PHONY: web web-if-here test-web
 
 # Speed of the package against the native kernels without AVX.
 $(BUILD)/base_kernels: $(BUILD)/tests/bench/base_kernels.o $(CORE_LIB)

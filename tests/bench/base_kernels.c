@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The kernels without vector instructions beyond the target's baseline, for tests/bench/web_race.py:
+ * The kernels for the target's baseline instruction set, for tests/bench/web_race.py:
  *
  *     base_kernels FILE POINTS
  *

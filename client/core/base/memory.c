@@ -39,8 +39,8 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
     return umb__resize(alloc, NULL, bytes ? bytes : 1);
 }
 
-/* Advises the system to use large pages for a block. madvise is called only for large pages that lie
- * wholly inside the block, so it never changes another block's memory. */
+/* Advises the system to use large pages for a block. madvise is called only for large pages that
+ * lie wholly inside the block, so it never changes another block's memory. */
 static void advise_large(void *block, size_t bytes)
 {
 #ifndef __wasi__

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_LANES_SIMD128_H
 #define UMBRAGE_CORE_QUERY_KERNEL_LANES_SIMD128_H
-/* Lanes (kernel_place_lanes.h) of WebAssembly's vectors of 128 bits: two doubles, and eight integers
- * in two vectors. */
+/* Lanes (kernel_place_lanes.h) of WebAssembly's vectors of 128 bits: two doubles, and eight
+ * integers in two vectors. */
 #include <wasm_simd128.h>
 #include "query/kernel_parts.h"
 

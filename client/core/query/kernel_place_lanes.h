@@ -148,8 +148,8 @@ UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, cons
 }
 
 /* First texels of windows, with a point in each lane; and bits of the points that are negative or
- * face away. A coordinate beyond 32 bits is INT32_MIN or INT32_MAX. One that is NaN is INT32_MIN, or
- * its lane is in `negative`. */
+ * face away. A coordinate beyond 32 bits is INT32_MIN or INT32_MAX. One that is NaN is INT32_MIN,
+ * or its lane is in `negative`. */
 struct umb__placed_lanes {
     umb__lane_ints axis[3];
     unsigned negative, away;

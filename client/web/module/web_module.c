@@ -374,8 +374,8 @@ static enum umb_status query_partial(const struct umb_points *points, int want, 
  * Answers points by the settings.
  *
  * In:  numbers: the origin. room: float[4 * count].
- * Out: values: by the format. room: low, high and error_m, unless all answers are exact. numbers: see
- *      put_counts.
+ * Out: values: by the format. room: low, high and error_m, unless all answers are exact. numbers:
+ *      see put_counts.
  */
 int umbx_query(const void *positions, int is_f64, size_t count, const float *normals,
                const float *footprints, int want, void *values, float *room)

@@ -3,7 +3,7 @@
 #define UMBRAGE_WEB_ZSTD_FRAME_H
 /*
  * A decoder of zstd frames (RFC 8878) for the WebAssembly module: Debian has no zstd library for
- * wasm32 (docs/decisions/0011-zstd-decoder-of-the-web.md). It decodes one frame into memory that
+ * wasm32 (docs/decisions/0011-zstd-in-the-web-package.md). It decodes one frame into memory that
  * holds the whole content. Dictionaries and skippable frames are refused.
  *
  * Trust: safe on hostile bytes. Work is linear in the bytes read and written.
