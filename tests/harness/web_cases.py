@@ -133,6 +133,15 @@ def check_example(test, cases):
         done = subprocess.run(["node", "--no-warnings", "example.mjs"], cwd=test.path("project"), check=True,
                               timeout=60, stdout=subprocess.PIPE)
         assert re.fullmatch(r"\d+ of \d+ answers are exact, the first is [01].*\n", done.stdout.decode()), done.stdout
+    if shutil.which("tsc") is None:
+        ut.left_out("types of the package", "tsc is not installed (node-typescript)")
+        return
+    with test.check("TypeScript accepts the right uses of the package and refuses the wrong ones"):
+        shutil.copy(os.path.join(ut.ROOT, "tests/web/types.ts"), test.path("project", "types.ts"))
+        done = subprocess.run(["tsc", "--strict", "--noEmit", "--target", "es2022", "--module", "es2022", "--lib",
+                               "es2022,dom", "--moduleResolution", "node", "types.ts"], cwd=test.path("project"),
+                              check=False, timeout=120, stdout=subprocess.PIPE)
+        assert done.returncode == 0, done.stdout.decode()
 
 
 class Liar(http.server.BaseHTTPRequestHandler):

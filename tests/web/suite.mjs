@@ -142,6 +142,9 @@ async function mistakes(umbrage, one, where) {
   points[3 * 39000 + 1] = NaN;
   await refused(ask({}), "E_ARGUMENT", "points[39000].y: nan, must be finite");
   await refused(asset.want({ box: [[0, 0, 0], [-1, 0, 0]] }), "E_ARGUMENT", "box");
+  await refused(asset.want({ light: 0.5 }), "E_ARGUMENT", "light: 0.5, must be a whole number");
+  await refused(asset.want({ taps: 19 }), "E_ARGUMENT", "taps");
+  await refused(asset.want({ light: 7 }), "E_ARGUMENT", "light");
   await refused(asset.want({ camera: { eye: [0, 0, 0], forward: [0, 0, 0], fov_y: 1 } }), "E_ARGUMENT", "forward");
   await refused(umbrage.open(where(one.asset), { id: "0".repeat(64) }), "E_CORRUPT", "id: the head is that of another");
   await refused(umbrage.open(where(one.asset), { id: "12" }), "E_ARGUMENT", "id: must be 64");
@@ -174,6 +177,10 @@ async function overlaps(umbrage, one, read, where) {
   assert(name === "AbortError", `an aborted want: ${name}`);
   await other.want({});
   await Promise.all([asset.close(), other.close()]);
+  const closed = await umbrage.open(where(one.asset)), waits = closed.want({}, { round_bytes: 65536 });
+  const ended = refused(waits, "E_STATE", "closed"), late = refused(closed.want({}), "E_STATE", "closed");
+  await closed.close();
+  await Promise.all([ended, late]);
 }
 
 /** A small generator of random numbers, 0 to below `most`. */

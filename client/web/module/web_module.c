@@ -159,17 +159,23 @@ size_t umbx_missing_blocks(int all, uint32_t *list, size_t room)
     return umb_partial_missing_blocks(here.partial, all, list, room);
 }
 
+/* Returns a number as a whole one; those that are none, or too large, are larger than any. */
+static uint32_t whole_of(double value)
+{
+    return value >= 0 && value < UINT32_MAX ? (uint32_t)value : UINT32_MAX - 1;
+}
+
 /* In: numbers: light (below 0: all), 1 with a box, its min and max, 1 with a camera, its eye,
  * forward, up, fov_y, aspect and far_m, then max_error_m, max_error_rad, taps and bias_m. */
 int umbx_want(int add)
 {
     const double *in = here.numbers;
-    struct umb_partial_view view = {.light = in[0] < 0 ? UINT32_MAX : (uint32_t)in[0],
+    struct umb_partial_view view = {.light = in[0] < 0 ? UINT32_MAX : whole_of(in[0]),
                                     .has_box = in[1] > 0,
                                     .has_camera = in[8] > 0,
                                     .max_error_m = in[21],
                                     .max_error_rad = in[22],
-                                    .taps = (uint32_t)in[23],
+                                    .taps = whole_of(in[23]),
                                     .bias_m = in[24]};
     memcpy(&view.box, in + 2, sizeof view.box);
     memcpy(&view.camera, in + 9, 11 * sizeof *in); /* eye, forward, up, fov_y and aspect */

@@ -35,6 +35,11 @@ function number(value, name) {
   return value;
 }
 
+function whole(value, name) {
+  require(Number.isInteger(value) && value >= 0, `${name}: ${String(value).slice(0, 40)}, must be a whole number`);
+  return value;
+}
+
 function idBytes(id) {
   if (id === undefined || id === null) {
     return null;
@@ -58,6 +63,7 @@ export class Asset {
   #source;
   #scratch = null;
   #turn = Promise.resolve(); // The last `want`: they run one after the other
+  #stops = new Set(); // Of every `want` under way
   #counts = { received_bytes: 0, requests: 0, rounds: 0, pages_received: 0 };
 
   /** Number of answers, lights, box and id: the same for every part of the asset. */
@@ -111,9 +117,10 @@ export class Asset {
 
   /** Tells the module what one view needs. */
   #mark(view, add) {
+    require(typeof view === "object" && view !== null, "view: must be an object");
     const { light, box, camera, max_error_m = 0, max_error_rad = 0, taps = 0, bias_m = 0 } = view;
     const numbers = new Float64Array(25);
-    numbers[0] = light === undefined || light === null ? -1 : number(this.#lightNumber(light), "light");
+    numbers[0] = light === undefined || light === null ? -1 : whole(this.#lightNumber(light), "light");
     if (box) {
       numbers.set([1, ...triple(box[0], "box[0]"), ...triple(box[1], "box[1]")], 1);
     }
@@ -125,25 +132,31 @@ export class Asset {
       numbers.set([1, ...eye, ...forward, ...up, number(camera.fov_y, "fov_y"), number(camera.aspect ?? 1, "aspect"),
         number(camera.far_m ?? 0, "far_m")], 8);
     }
-    numbers.set([number(max_error_m, "max_error_m"), number(max_error_rad, "max_error_rad"), number(taps, "taps"),
+    numbers.set([number(max_error_m, "max_error_m"), number(max_error_rad, "max_error_rad"), whole(taps, "taps"),
       number(bias_m, "bias_m")], 21);
     this.#opened().numbers(25).set(numbers);
     this.#module.run("want", add ? 1 : 0);
   }
 
   async want(views = [], { max_bytes = 0, round_bytes = 0, signal, progress } = {}) {
-    const list = Array.isArray(views) ? views : [views];
+    const list = Array.isArray(views) ? views : [views], before = this.#turn, stop = new AbortController();
     const mark = () => list.forEach((view, index) => this.#mark(view, index > 0));
-    const before = this.#turn;
+    const pass = () => stop.abort(signal.reason);
     let release;
     this.#turn = new Promise((resolve) => {
       release = resolve;
     });
+    this.#stops.add(stop);
+    signal?.addEventListener("abort", pass);
     try {
+      signal?.throwIfAborted();
       await before;
-      await update(this.#opened(), this.#source, mark, { max_bytes, round_bytes, signal, progress }, this.#counts);
+      await update(this.#opened(), this.#source, mark, { max_bytes, round_bytes, signal: stop.signal, progress },
+        this.#counts);
       return this.held();
     } finally {
+      signal?.removeEventListener("abort", pass);
+      this.#stops.delete(stop);
       release();
     }
   }
@@ -202,11 +215,15 @@ export class Asset {
     answers.copyOut(module, this.#scratch, first, count);
   }
 
-  close() {
+  async close() {
     const source = this.#source;
     this.#module = null;
     this.#source = null;
-    return Promise.resolve(source?.close?.());
+    for (const stop of this.#stops) {
+      stop.abort(new UmbrageError("E_STATE", "asset: was closed"));
+    }
+    await this.#turn;
+    await source?.close?.();
   }
 }
 

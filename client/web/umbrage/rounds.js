@@ -143,18 +143,16 @@ async function readRanges(module, source, ranges, signal, round, counts) {
       takeRange(module, range, await source.read(range.offset, range.length, stop.signal), round, counts);
     }
   };
-  signal?.throwIfAborted();
-  signal?.addEventListener("abort", pass);
-  try {
-    const workers = Array.from({ length: Math.min(source.parallel ?? 1, ranges.length) }, () =>
-      work().catch((error) => {
-        round.error ??= error;
-        stop.abort();
-      }));
-    await Promise.all(workers);
-    signal?.throwIfAborted();
-  } finally {
-    signal?.removeEventListener("abort", pass);
+  signal.addEventListener("abort", pass);
+  const workers = Array.from({ length: Math.min(source.parallel ?? 1, ranges.length) }, () =>
+    work().catch((error) => {
+      round.error ??= error;
+      stop.abort();
+    }));
+  await Promise.all(workers);
+  signal.removeEventListener("abort", pass);
+  if (signal.aborted) {
+    round.error = signal.reason;
   }
 }
 
@@ -169,6 +167,7 @@ function roundBytes(module, { max_bytes, round_bytes }, counts, start) {
 export async function update(module, source, mark, options, counts) {
   const start = counts.received_bytes;
   for (;;) { // Ends: each round adds a page or a block, or is the last
+    options.signal.throwIfAborted();
     const round = { full: false, added: 0, pages: 0, error: null };
     const bytes = roundBytes(module, options, counts, start);
     mark();
@@ -177,14 +176,11 @@ export async function update(module, source, mark, options, counts) {
       return;
     }
     counts.rounds++;
-    try {
-      await readRanges(module, source, ranges, options.signal, round, counts);
-    } finally {
-      if (round.pages > 0) {
-        const { pages_dropped } = heldOf(module);
-        module.run("build");
-        round.full ||= heldOf(module).pages_dropped > pages_dropped;
-      }
+    await readRanges(module, source, ranges, options.signal, round, counts);
+    if (round.pages > 0) { // Also after a failure: pages that came before it stay
+      const { pages_dropped } = heldOf(module);
+      module.run("build");
+      round.full ||= heldOf(module).pages_dropped > pages_dropped;
     }
     if (round.error) {
       throw round.error;
