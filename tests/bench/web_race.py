@@ -3,7 +3,7 @@
 """
 One thread of node, and of headless Chromium if it is installed, against the native kernels without AVX on the same
 points: `make web-race`. Node: CPU time, in turns, medians of the rounds. Chromium: wall clock, the least of twelve
-rounds, beside the least CPU time of the native kernels. UMBRAGE_PACKAGE names another build of the package.
+rounds, beside the least of the native kernels. UMBRAGE_PACKAGE names another build of the package.
 
     web_race.py FILE POINTS [ROUNDS]
 """
@@ -20,7 +20,7 @@ import web_browser  # noqa: E402
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 PACKAGE = os.environ.get("UMBRAGE_PACKAGE", os.path.join(BUILD, "web", "umbrage"))
-WAYS = [("box", 1), ("box", 9), ("box", 17), ("tent", 9), ("tent", 17)]
+WAYS = [("box", 1), ("box", 9), ("box", 17), ("tent", 9), ("tent", 17), ("footprint", 3)]
 
 
 def start(*words):
@@ -30,7 +30,7 @@ def start(*words):
 def ask(process, filter_, taps):
     process.stdin.write(f"{filter_} {taps}\n")
     process.stdin.flush()
-    return float(process.stdout.readline())
+    return [float(number) for number in process.stdout.readline().split()]
 
 
 def browse(asset, points):
@@ -52,12 +52,11 @@ def main():
     web = start("node", os.path.join(ROOT, "tests/bench/web_race.mjs"), PACKAGE, asset, points)
     least = []
     for way in WAYS:
-        for _ in range(3):  # the engine compiles what is hot
-            ask(native, *way), ask(web, *way)
+        ask(native, *way), ask(web, *way)  # the engine compiles what is hot
         pairs = [(ask(native, *way), ask(web, *way)) for _ in range(rounds)]
-        base, ours = (statistics.median(times) for times in zip(*pairs))
-        ratio = statistics.median(b / a for a, b in pairs)
-        least.append(min(a for a, _ in pairs))
+        base, ours = (statistics.median(times[0] for times in side) for side in zip(*pairs))
+        ratio = statistics.median(b[0] / a[0] for a, b in pairs)
+        least.append(min(a[1] for a, _ in pairs))
         print(f"{way[0]} {way[1]:2}: native baseline {base:6.1f} ns a point, WebAssembly {ours:6.1f}, ratio {ratio:.2f}")
     for process in (native, web):
         process.stdin.close()
