@@ -4,9 +4,9 @@
  *
  *     base_kernels FILE POINTS
  *
- * POINTS is raw floats, x y z nx ny nz each. Reads lines "box|tent|footprint TAPS" and answers each
- * with two numbers: nanoseconds a point of CPU time, a mean of several passes, and the least pass by
- * the wall clock.
+ * POINTS is raw floats, x y z nx ny nz each. Reads lines "box|tent|footprint TAPS" and answers
+ * each with two numbers: nanoseconds a point of CPU time, a mean of several passes, and the least
+ * pass by the wall clock.
  */
 #include <math.h>
 #include <stdio.h>
