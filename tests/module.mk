@@ -2,6 +2,11 @@
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
+# Tests are compiled more often than they run.
+ifeq ($(config),release)
+$(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1
+endif
+
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
@@ -229,14 +234,16 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
-	@$(MAKE) --no-print-directory lint
-	@$(MAKE) --no-print-directory -j$(CORES) release-needs
+test: deps ## everything but `races`: lint, units, system, interop, ASan (docs/explained/testing.md)
+	@$(MAKE) --no-print-directory -j$(CORES) lint release-needs
 	@$(MAKE) --no-print-directory -j2 release-tests asan-needs
-	@$(MAKE) --no-print-directory -j2 asan-short tsan-needs
+	@$(MAKE) --no-print-directory asan-short
+
+races: deps ## the tests that can start a thread, and a serving daemon, under TSan: three minutes
+	@$(MAKE) --no-print-directory -j$(CORES) tsan-needs
 	@$(MAKE) --no-print-directory tsan-short
 
-# Sanitizer builds beside tests: the tests leave processors idle while they wait.
+# The sanitizer's build runs beside tests, which leave processors idle while they wait.
 asan-needs tsan-needs: %-needs:
 	@nice $(MAKE) --no-print-directory config=$* warn= say= sanitize-needs
 asan-short tsan-short: %-short:
@@ -259,7 +266,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short races release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

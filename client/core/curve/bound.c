@@ -44,7 +44,7 @@ static double slant(const struct umb_frustum_info *frustum, uint32_t taps, doubl
     return sqrt(1.0 + half * half * square);
 }
 
-/* Returns the largest distance of a look-up from its point: the longest automatic bias plus half
+/* Finds the largest distance of a look-up from its point: the longest automatic bias plus half
  * the reach of a window or cell. */
 static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                      double *bias, double *look_up)

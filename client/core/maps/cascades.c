@@ -173,7 +173,7 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
 {
     for (int axis = 0; axis < 2; axis++) {
         const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
-        /* The low end is rounded down to a whole number of texels, which takes one more texel. */
+        /* The slice's low end is rounded down to whole texels, which takes one more texel. */
         const double texel_m = 2.0 * fit->radius / (texels - 3.0);
         const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
         axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
