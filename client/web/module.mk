@@ -16,12 +16,15 @@ WEB_CORE_OBJ := $(WEB_CORE:%.c=$(WEB_DIR)/obj/%.o)
 WEB_OBJ := $(patsubst %.c,$(WEB_DIR)/obj/%.o,$(wildcard client/web/module/*.c))
 WEB_FILES := $(patsubst client/web/umbrage/%,$(WEB_PACKAGE)/%,$(wildcard client/web/umbrage/*.js client/web/umbrage/*.ts))
 
+$(WEB_DIR)/tools: client/web/tools.sh
+	@mkdir -p $(@D)
+	@sh $< "$(WEB_CC)" && touch $@
 # The headers of these two libraries, without the C library beside them.
 .SECONDARY: $(WEB_DIR)/include/xxhash.h $(WEB_DIR)/include/zstd.h
 $(WEB_DIR)/include/%.h:
 	@mkdir -p $(@D)
 	$(Q)cp $(firstword $(wildcard /usr/local/include/$*.h /usr/include/$*.h)) $@
-$(WEB_DIR)/obj/%.o: %.c | $(WEB_DIR)/include/xxhash.h $(WEB_DIR)/include/zstd.h
+$(WEB_DIR)/obj/%.o: %.c | $(WEB_DIR)/tools $(WEB_DIR)/include/xxhash.h $(WEB_DIR)/include/zstd.h
 	@mkdir -p $(@D)
 	$(call say,WASM,$<)
 	$(Q)$(WEB_CC) $(WEB_FLAGS) -c $< -o $@

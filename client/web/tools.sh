@@ -8,7 +8,9 @@ set -u
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 printf '#include <stdlib.h>\nlong double half(long double x) { return free(0), x / 2; }\n' >"$folder/try.c"
-if ! "$1" --target=wasm32-wasi -mexec-model=reactor -Wl,--export=half "$folder/try.c" -o "$folder/try.wasm" 2>/dev/null; then
+# A command with words, such as "ccache clang".
+# shellcheck disable=SC2086
+if ! $1 --target=wasm32-wasi -mexec-model=reactor -Wl,--export=half "$folder/try.c" -o "$folder/try.wasm" 2>/dev/null; then
     echo "clang, lld, wasi-libc or libclang-rt-dev-wasm32 is not installed (make deps-full installs them)"
     exit 1
 fi

@@ -5,28 +5,28 @@
  */
 #include <wasi/api.h>
 
-__wasi_errno_t __wasi_fd_close(__wasi_fd_t file)
+__wasi_errno_t __wasi_fd_close(__wasi_fd_t fd)
 {
-    (void)file;
+    (void)fd;
     return __WASI_ERRNO_BADF;
 }
 
-__wasi_errno_t __wasi_fd_seek(__wasi_fd_t file, __wasi_filedelta_t offset, __wasi_whence_t whence,
-                              __wasi_filesize_t *place)
+__wasi_errno_t __wasi_fd_seek(__wasi_fd_t fd, __wasi_filedelta_t offset, __wasi_whence_t whence,
+                              __wasi_filesize_t *retptr0)
 {
-    (void)file;
+    (void)fd;
     (void)offset;
     (void)whence;
-    (void)place;
+    (void)retptr0;
     return __WASI_ERRNO_BADF;
 }
 
-__wasi_errno_t __wasi_fd_write(__wasi_fd_t file, const __wasi_ciovec_t *parts, size_t count,
-                               __wasi_size_t *written)
+__wasi_errno_t __wasi_fd_write(__wasi_fd_t fd, const __wasi_ciovec_t *iovs, size_t iovs_len,
+                               __wasi_size_t *retptr0)
 {
-    (void)file;
-    (void)parts;
-    (void)count;
-    (void)written;
+    (void)fd;
+    (void)iovs;
+    (void)iovs_len;
+    (void)retptr0;
     return __WASI_ERRNO_BADF;
 }
