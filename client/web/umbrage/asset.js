@@ -66,7 +66,7 @@ export class Asset {
   #stops = new Set(); // Of every `want` under way
   #counts = { received_bytes: 0, requests: 0, rounds: 0, pages_received: 0 };
 
-  /** Number of answers, lights, box and id: the same for every part of the asset. */
+  /** Id, lights, origin and box of the casters; whatever pages are held. */
   info;
 
   static async open(source, { id, memory = MEMORY, signal, wasm } = {}) {
