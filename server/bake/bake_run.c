@@ -25,6 +25,7 @@
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "base/try.h"
+#include "common/private_folder.h"
 #include "tool/clock.h"
 #include "tool/output.h"
 #include "scene/scene_file.h"
@@ -33,6 +34,9 @@
 
 /* Limit of frusta under the static rule: 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
+
+/* Share of --memory that records of earlier self-checks may take. */
+#define PROOFS_SHARE 32U
 
 /* State of a run. */
 struct run {
@@ -49,6 +53,7 @@ struct run {
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_folder tile_folder; /* its cache.folder is NULL if no folder is used */
+    struct umbb_proofs proofs;           /* records of earlier self-checks, or zero */
     uint64_t check_max_bytes;            /* limit of the asset's memory during its check */
     double start_s;
 };
@@ -258,6 +263,39 @@ static enum umb_status open_tile_folder(struct run *run, struct umb_error *error
     return status;
 }
 
+/* Reads the records of earlier self-checks, which only a cache that no other user can change may
+ * hold. */
+static enum umb_status open_proofs(struct run *run, const struct umbb_memory_plan *memory,
+                                   struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    char *resolved;
+    struct umb_error cause;
+    if (run->tile_folder.cache.folder == NULL || o->task != UMBB_TASK_BAKE ||
+        o->verify_points == 0 || run->analysis.count == 0) {
+        return UMB_OK;
+    }
+    if (umbs_private_folder(o->cache, &resolved, &cause) != UMB_OK) {
+        if (!o->quiet) {
+            fprintf(stderr,
+                    "umbrage-bake: notice: --cache: the self-check compares every tile: %s\n",
+                    cause.message);
+        }
+        return UMB_OK;
+    }
+    free(resolved);
+    const struct umbb_proofs_job job = {
+        .analysis = &run->analysis,
+        .tile_log2 = memory->tile_log2,
+        .occluder_depth = o->occluder_depth && run->analysis.closed_rule,
+        .points = umbb_check_points(o->verify_points, run->analysis.choice.count),
+        .max_bytes = (size_t)(o->memory_bytes / PROOFS_SHARE),
+        .cache = &run->tile_folder.cache,
+    };
+    run->tile_folder.proofs = &run->proofs;
+    return umbb_proofs_open(&run->proofs, &job, error);
+}
+
 /* Checks tiles that several machines share: the tile size must be as requested, and tile numbers
  * must exist. */
 static enum umb_status check_tiles(const struct run *run, const struct umbb_memory_plan *memory,
@@ -358,6 +396,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     UMB__TRY(umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
                                             &occluder_depth_bytes, error));
     UMB__TRY(open_tile_folder(run, error));
+    UMB__TRY(open_proofs(run, &memory, error));
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbu_clock_s();
@@ -432,11 +471,21 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .threads = run->options->threads,
         .quiet = run->options->quiet,
         .max_memory_bytes = run->check_max_bytes,
+        .proofs = run->proofs.frusta != NULL ? &run->proofs : NULL,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
     free(corners);
     run->report.seconds_verify = umbu_clock_s() - start;
     return status;
+}
+
+/* Keeps the records of this self-check. Without them the next one compares more. */
+static void keep_proofs(const struct run *run)
+{
+    struct umb_error error;
+    if (umbb_proofs_keep(&run->proofs, &error) != UMB_OK && !run->options->quiet) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
+    }
 }
 
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
@@ -445,7 +494,9 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     UMB__TRY(bake(run, error));
     UMB__TRY(write_asset(run, error));
     UMB__TRY(check_asset(run, error));
-    return umbb_publish_commit(&run->publish, error);
+    UMB__TRY(umbb_publish_commit(&run->publish, error));
+    keep_proofs(run);
+    return UMB_OK;
 }
 
 /* Saves the imported scene as a file. */
@@ -530,6 +581,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
     free(run.receiver_mask_cells);
     umb__transmittance_bytes_finish(&run.transmittance);
+    umbb_proofs_close(&run.proofs);
     umbb_tile_folder_close(&run.tile_folder);
     free(run.plan);
     free(run.settings);

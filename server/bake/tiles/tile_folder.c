@@ -35,6 +35,9 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
     tile_folder->shape = *shape;
     tile_folder->first = (uint64_t)frustum << (2 * (shape->log2_size - shape->tile_log2));
     tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
+    tile_folder->proof = tile_folder->proofs != NULL && tile_folder->proofs->frusta != NULL
+                             ? &tile_folder->proofs->frusta[frustum]
+                             : NULL;
 }
 
 /* Prints the first failure of the cache. */
@@ -53,8 +56,19 @@ static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile
     tile_folder->shape.occluder_depth_y = (uint32_t)place->y0 / UMB__OCCLUDER_DEPTH_SIDE;
 }
 
+/* Notes a tile for the self-check. */
+static enum umb_status note(struct umbb_tile_folder *tile_folder,
+                            const struct umbb_tile_place *place, const uint8_t *key,
+                            const uint8_t *bytes, size_t size, struct umb_error *error)
+{
+    return tile_folder->proof == NULL ? UMB_OK
+                                      : umbb_proofs_note(tile_folder->proof, tile_folder->depth,
+                                                         place, key, bytes, size, error);
+}
+
 /* Reads and decodes a result; *found stays 0 if there is no whole one. */
-static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t *key,
+static enum umb_status take(struct umbb_tile_folder *tile_folder,
+                            const struct umbb_tile_place *place, const uint8_t *key,
                             const struct umbb_tile_nodes *nodes, struct umbb_tile_result *result,
                             int *found, struct umb_error *error)
 {
@@ -73,7 +87,9 @@ static enum umb_status take(struct umbb_tile_folder *tile_folder, const uint8_t 
     if (bytes != NULL) {
         status = umbb_tile_decode(&tile_folder->shape, bytes, size, nodes, result, error);
         *found = status == UMB_OK;
-        if (status == UMB_E_CORRUPT) {
+        if (status == UMB_OK) {
+            status = note(tile_folder, place, key, bytes, size, error);
+        } else if (status == UMB_E_CORRUPT) {
             umbb_tile_cache_drop(&tile_folder->cache, key);
             status = UMB_OK;
         }
@@ -91,7 +107,7 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place,
     *found = 0;
     turn_to(tile_folder, place);
     umbb_tile_key(tile_folder->depth, &tile_folder->shape, place, key);
-    UMB__TRY(take(tile_folder, key, nodes, result, found, error));
+    UMB__TRY(take(tile_folder, place, key, nodes, result, found, error));
     if (*found) {
         return UMB_OK;
     }
@@ -121,13 +137,16 @@ static enum umb_status keep(void *user, const struct umbb_tile_place *place,
     if (tile_folder->mode == UMBB_TILE_FOLDER_MERGE) {
         return UMB_OK;
     }
+    enum umb_status noted = UMB_OK;
     enum umb_status status =
         umbb_tile_encode(&tile_folder->shape, nodes, result, &bytes, &size, &cause);
+    const uint8_t *key = tile_folder->missed[slot].key;
     if (status == UMB_OK) {
-        status = umbb_tile_cache_write(&tile_folder->cache, tile_folder->missed[slot].key, bytes,
-                                       size, &cause);
+        noted = note(tile_folder, place, key, bytes, size, error);
+        status = umbb_tile_cache_write(&tile_folder->cache, key, bytes, size, &cause);
     }
     free(bytes);
+    UMB__TRY(noted);
     if (status != UMB_OK && tile_folder->mode == UMBB_TILE_FOLDER_TILE) {
         return umb_fail(error, status, "%s", cause.message);
     }

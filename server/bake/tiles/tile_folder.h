@@ -10,6 +10,7 @@
  *     umbb_tile_folder_close(&tile_folder);
  */
 #include "bake/depth/depth.h"
+#include "bake/tiles/proofs.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
@@ -33,6 +34,8 @@ struct umbb_tile_folder {
         uint8_t key[UMB_ID_BYTES];
     } missed[2]; /* tiles that were not found and are being baked */
     unsigned next_missed;
+    struct umbb_proofs *proofs;        /* where tiles are noted; its frusta are NULL: nowhere */
+    struct umbb_frustum_proofs *proof; /* of the frustum; NULL: none */
 };
 
 /* Opens the folder. Fails: as umbb_tile_cache_open. */
