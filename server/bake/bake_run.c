@@ -134,6 +134,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule || o->static_rule,
         .ruled_frusta = o->static_rule ? run->analysis.frustum_count : 0,
+        .copies = run->analysis.keeps_corners,
         .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),
@@ -247,17 +248,18 @@ static enum umb_status open_tile_folder(struct run *run, struct umb_error *error
     enum umb_status status = UMB_OK;
     if (o->task == UMBB_TASK_TILE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_TILE, o->output,
-                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX, error);
+                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX, o->threads,
+                                       error);
     } else if (o->task == UMBB_TASK_MERGE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_MERGE, o->from,
-                                       UINT64_MAX, error);
+                                       UINT64_MAX, o->threads, error);
     } else if (o->cache != NULL && o->static_rule) {
         print_notices(o->quiet ? NULL
                                : "--cache: the static rule needs the whole map: every tile is "
                                  "baked");
     } else if (o->cache != NULL) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_CACHE, o->cache,
-                                       o->cache_bytes, error);
+                                       o->cache_bytes, o->threads, error);
     }
     run->tile_folder.quiet = o->quiet;
     return status;

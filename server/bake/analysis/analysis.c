@@ -19,6 +19,7 @@
 void umbb_analysis_finish(struct umbb_analysis *analysis)
 {
     free(analysis->corners);
+    free(analysis->copy);
     free(analysis->kinds);
     free(analysis->dropped);
     free(analysis->frusta);
@@ -35,7 +36,10 @@ static void compact(struct umbb_analysis *analysis)
     size_t to = 0;
     for (size_t i = 0; i < analysis->flat_count; i++) {
         if (!analysis->dropped[i]) {
-            memmove(analysis->corners[to++], analysis->corners[i], sizeof analysis->corners[i]);
+            if (to != i) {
+                memmove(analysis->corners[to], analysis->corners[i], sizeof analysis->corners[i]);
+            }
+            to++;
         }
     }
     if (analysis->translucent_count > 0) {
@@ -195,9 +199,10 @@ static void measure(struct umbb_analysis *analysis)
     }
     for (size_t i = 0; i < analysis->count + analysis->translucent_count; i++) {
         for (int k = 0; k < 9; k++) {
-            const double value = analysis->corners[i][k / 3][k % 3];
-            box->min[k % 3] = fmin(box->min[k % 3], value);
-            box->max[k % 3] = fmax(box->max[k % 3], value);
+            const double value = analysis->corners[i][k / 3][k % 3]; /* finite */
+            double *min = &box->min[k % 3], *max = &box->max[k % 3];
+            *min = value < *min ? value : *min;
+            *max = value > *max ? value : *max;
         }
     }
     for (int axis = 0; axis < 3; axis++) {
@@ -299,6 +304,9 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
 {
     memset(analysis, 0, sizeof *analysis);
     UMB__TRY(check_memory(view, options->memory_bytes, error));
+    analysis->threads = options->threads;
+    analysis->keeps_corners = view->world_triangle_count <=
+                              options->memory_bytes / UMBB_COPIES_SHARE / sizeof *analysis->corners;
     const enum umb_status status = analyse(analysis, view, options, error);
     if (status != UMB_OK) {
         umbb_analysis_finish(analysis);

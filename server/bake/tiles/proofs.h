@@ -90,13 +90,14 @@ void umbb_proofs_close(struct umbb_proofs *proofs);
 int umbb_square_is_proven(const struct umbb_frustum_proofs *proofs,
                           const struct umbb_square_proof *square);
 
-/* Notes a tile that was found or baked. In: key: its name; bytes: umbb_tile_encode's. Fails:
- * E_NO_MEMORY. */
+/* Notes a tile that was found or baked. In: key: its name; digest: SHA-256 of umbb_tile_encode's
+ * bytes. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_proofs_note(struct umbb_frustum_proofs *proofs,
                                              const struct umbb_depth *depth,
                                              const struct umbb_tile_place *place,
-                                             const uint8_t key[UMB_ID_BYTES], const uint8_t *bytes,
-                                             size_t size, struct umb_error *error);
+                                             const uint8_t key[UMB_ID_BYTES],
+                                             const uint8_t digest[UMB_ID_BYTES],
+                                             struct umb_error *error);
 
 /* Writes the records that changed. Fails: as umbb_tile_cache_write. */
 UMB_CHECKED enum umb_status umbb_proofs_keep(const struct umbb_proofs *proofs,
