@@ -207,6 +207,14 @@ void umbb_proofs_close(struct umbb_proofs *proofs)
     memset(proofs, 0, sizeof *proofs);
 }
 
+int umbb_proofs_contradict(const struct umbb_frustum_proofs *proofs, uint32_t tile,
+                           const uint8_t key[UMB_ID_BYTES], const uint8_t digest[UMB_ID_BYTES])
+{
+    const struct umbb_tile_proof *before = &proofs->before[tile];
+    return memcmp(before->key, key, UMB_ID_BYTES) == 0 &&
+           memcmp(before->result, digest, UMB_ID_BYTES) != 0;
+}
+
 int umbb_square_is_proven(const struct umbb_frustum_proofs *proofs,
                           const struct umbb_square_proof *square)
 {

@@ -86,6 +86,11 @@ UMB_CHECKED enum umb_status umbb_proofs_open(struct umbb_proofs *proofs,
                                              struct umb_error *error);
 void umbb_proofs_close(struct umbb_proofs *proofs);
 
+/* Returns 1 if the record names another result for a tile's key. Equal keys have equal results, so
+ * the result that was found is not what a bake wrote. */
+int umbb_proofs_contradict(const struct umbb_frustum_proofs *proofs, uint32_t tile,
+                           const uint8_t key[UMB_ID_BYTES], const uint8_t digest[UMB_ID_BYTES]);
+
 /* Returns 1 if a record says that its square was compared as closely as this bake wants it. */
 int umbb_square_is_proven(const struct umbb_frustum_proofs *proofs,
                           const struct umbb_square_proof *square);

@@ -116,7 +116,10 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place,
     const struct umbb_tile_read *read = umbb_tile_ahead_get(
         tile_folder->ahead, &tile_folder->cache, place->number, nodes->max_bytes);
     const uint8_t *key = read->key;
-    if (read->is_whole) {
+    if (read->is_whole && tile_folder->proof != NULL &&
+        umbb_proofs_contradict(tile_folder->proof, place->number, key, read->digest)) {
+        umbb_tile_cache_drop(&tile_folder->cache, key);
+    } else if (read->is_whole) {
         *found = 1;
         UMB__TRY(umbb_tile_join(&tile_folder->shape, &read->parsed, nodes, &tile_folder->numbers,
                                 result, error));
