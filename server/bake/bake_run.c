@@ -28,6 +28,7 @@
 #include "common/private_folder.h"
 #include "tool/clock.h"
 #include "tool/output.h"
+#include "tool/threads.h"
 #include "scene/scene_file.h"
 #include "format/receiver_mask.h"
 #include "umbrage/version.h"
@@ -46,6 +47,8 @@ struct run {
     struct umbb_bake_sandbox sandbox;
     struct umbb_analysis analysis;
     char *plan, *settings;
+    struct umbu_threads *hashing;      /* thread that hashes the scene; NULL: nothing is hashed */
+    uint8_t scene_hash[UMB_ID_BYTES];  /* set by that thread */
     struct umb__octree octree;
     struct umbb_occluder_depth_words occluder_depth;
     struct umb__transmittance_bytes transmittance;
@@ -212,6 +215,24 @@ static enum umb_status check_static(const struct run *run, struct umb_error *err
                ? UMB_OK
                : umb_fail(error, UMB_E_BAD_SCENE, "--static: %u lights, at most %u",
                           analysis->frustum_count, STATIC_FRUSTA_MAX);
+}
+
+static void hash_scene(void *user, uint32_t slice, unsigned thread)
+{
+    struct run *run = user;
+    (void)slice, (void)thread;
+    umbs_scene_hash(&run->scene->view, run->scene_hash);
+}
+
+/* Starts hashing the scene beside the analysis and the bake. */
+static enum umb_status start_hash(struct run *run, struct umb_error *error)
+{
+    if (run->options->plan || run->options->task == UMBB_TASK_TILE) {
+        return UMB_OK; /* no asset is written */
+    }
+    UMB__TRY(umbu_threads_create(run->options->threads < 2 ? 1 : 2, &run->hashing, error));
+    umbu_threads_start(run->hashing, hash_scene, run, 1);
+    return UMB_OK;
 }
 
 static enum umb_status analyse(struct run *run, struct umb_error *error)
@@ -439,11 +460,13 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     struct umb__content content = content_of(run);
     content.notes = notes;
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
-    umbs_scene_hash(&run->scene->view, content.scene_hash);
+    umbu_threads_wait(run->hashing, NULL, NULL);
+    memcpy(content.scene_hash, run->scene_hash, sizeof content.scene_hash);
     run->publish.threads = run->options->threads;
     UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
     if (run->analysis.count > 0) {
-        UMB__TRY(umbb_curve_add(&run->analysis, &run->octree, &content, error));
+        UMB__TRY(umbb_curve_add(&run->analysis, &run->octree, run->options->threads, &content,
+                                error));
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
@@ -495,7 +518,11 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
     UMB__TRY(bake(run, error));
     UMB__TRY(write_asset(run, error));
-    UMB__TRY(check_asset(run, error));
+    const enum umb_status status = check_asset(run, error);
+    if (status == UMB_E_INTERNAL) {
+        umbb_proofs_refuse(&run->proofs); /* so that the next bake does not find a wrong tile again */
+    }
+    UMB__TRY(status);
     UMB__TRY(umbb_publish_commit(&run->publish, error));
     keep_proofs(run);
     return UMB_OK;
@@ -557,6 +584,7 @@ static enum umb_status run_task(struct run *run, struct umb_error *error)
     if (run->options->task == UMBB_TASK_IMPORT) {
         return save_scene(run, error);
     }
+    UMB__TRY(start_hash(run, error));
     UMB__TRY(analyse(run, error));
     if (run->options->plan) {
         print_plan(run);
@@ -578,6 +606,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     if (status == UMB_OK && fflush(stdout) != 0) {
         status = umb_fail(error, UMB_E_IO, "cannot write to standard output");
     }
+    umbu_threads_destroy(run.hashing);
     umbb_publish_abandon(&run.publish);
     umb__octree_finish(&run.octree);
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);

@@ -258,6 +258,18 @@ enum umb_status umbb_proofs_note(struct umbb_frustum_proofs *proofs, const struc
                                    error);
 }
 
+void umbb_proofs_refuse(const struct umbb_proofs *proofs)
+{
+    for (uint32_t f = 0; f < proofs->frustum_count; f++) {
+        const struct umbb_frustum_proofs *one = &proofs->frusta[f];
+        for (size_t tile = 0; tile < one->tile_count; tile++) {
+            if (!one->inherited[tile] && one->casters[tile] != NULL) {
+                umbb_tile_cache_drop(proofs->cache, one->now[tile].key);
+            }
+        }
+    }
+}
+
 /* 1 if a frustum's record differs from the one that was read. */
 static int is_changed(const struct umbb_frustum_proofs *proofs)
 {

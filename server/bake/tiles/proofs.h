@@ -104,6 +104,9 @@ UMB_CHECKED enum umb_status umbb_proofs_note(struct umbb_frustum_proofs *proofs,
                                              const uint8_t digest[UMB_ID_BYTES],
                                              struct umb_error *error);
 
+/* Removes the results of all tiles that were not inherited: the self-check refused one of them. */
+void umbb_proofs_refuse(const struct umbb_proofs *proofs);
+
 /* Writes the records that changed. Fails: as umbb_tile_cache_write. */
 UMB_CHECKED enum umb_status umbb_proofs_keep(const struct umbb_proofs *proofs,
                                              struct umb_error *error);
