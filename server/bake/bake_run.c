@@ -47,8 +47,8 @@ struct run {
     struct umbb_bake_sandbox sandbox;
     struct umbb_analysis analysis;
     char *plan, *settings;
-    struct umbu_threads *hashing;      /* thread that hashes the scene; NULL: nothing is hashed */
-    uint8_t scene_hash[UMB_ID_BYTES];  /* set by that thread */
+    struct umbu_threads *hashing;     /* thread that hashes the scene; NULL: nothing is hashed */
+    uint8_t scene_hash[UMB_ID_BYTES]; /* set by that thread */
     struct umb__octree octree;
     struct umbb_occluder_depth_words occluder_depth;
     struct umb__transmittance_bytes transmittance;
@@ -269,8 +269,8 @@ static enum umb_status open_tile_folder(struct run *run, struct umb_error *error
     enum umb_status status = UMB_OK;
     if (o->task == UMBB_TASK_TILE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_TILE, o->output,
-                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX, o->threads,
-                                       error);
+                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX,
+                                       o->threads, error);
     } else if (o->task == UMBB_TASK_MERGE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_MERGE, o->from,
                                        UINT64_MAX, o->threads, error);
@@ -465,8 +465,8 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     run->publish.threads = run->options->threads;
     UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
     if (run->analysis.count > 0) {
-        UMB__TRY(umbb_curve_add(&run->analysis, &run->octree, run->options->threads, &content,
-                                error));
+        UMB__TRY(
+            umbb_curve_add(&run->analysis, &run->octree, run->options->threads, &content, error));
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
@@ -520,7 +520,8 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     UMB__TRY(write_asset(run, error));
     const enum umb_status status = check_asset(run, error);
     if (status == UMB_E_INTERNAL) {
-        umbb_proofs_refuse(&run->proofs); /* so that the next bake does not find a wrong tile again */
+        umbb_proofs_refuse(
+            &run->proofs); /* so that the next bake does not find a wrong tile again */
     }
     UMB__TRY(status);
     UMB__TRY(umbb_publish_commit(&run->publish, error));

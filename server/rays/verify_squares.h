@@ -42,11 +42,9 @@ struct umbr_squares_result {
  * Fails: as umbr_verify; E_UNSUPPORTED also for frusta smaller than a square.
  * Cost:  0.3 to 1 us a column on one processor.
  */
-UMB_CHECKED enum umb_status umbr_verify_squares(const struct umb_asset *asset, uint32_t light,
-                                                const struct umbr_rays *rays,
-                                                const struct umbr_verify_options *options,
-                                                const struct umbr_square *squares, size_t count,
-                                                struct umbr_squares_result *result,
-                                                struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbr_verify_squares(const struct umb_asset *asset, uint32_t light, const struct umbr_rays *rays,
+                    const struct umbr_verify_options *options, const struct umbr_square *squares,
+                    size_t count, struct umbr_squares_result *result, struct umb_error *error);
 
 #endif

@@ -201,9 +201,8 @@ struct measuring {
 static void measure_row(void *user, uint32_t number, unsigned worker)
 {
     const struct measuring *m = user;
-    struct setting *setting = &m->settings[number < UMB__CURVE_TAPS_COUNT
-                                               ? UMB__CURVE_TAPS_COUNT - 1 - number
-                                               : number];
+    struct setting *setting =
+        &m->settings[number < UMB__CURVE_TAPS_COUNT ? UMB__CURVE_TAPS_COUNT - 1 - number : number];
     (void)worker;
     for (size_t i = 0; i < m->points->count; i++) {
         add_point(setting, m->content, m->octree, m->points, i);

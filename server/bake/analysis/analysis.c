@@ -248,10 +248,10 @@ static enum umb_status flatten_all(const struct umbs_scene_view *view, unsigned 
     for (uint32_t i = 0; i < view->instance_count && status == UMB_OK; i++) {
         const size_t triangles = view->meshes[view->instances[i].mesh].triangle_count;
         struct flattening f = {view, &view->instances[i], *corners + at};
-        status = threads > 1 && triangles > PARALLEL_FROM
-                     ? umbu_range_run(threads, triangles, PARALLEL_FROM / 8, flatten_block, &f,
-                                      error)
-                     : flatten_block(&f, 0, triangles, error);
+        status =
+            threads > 1 && triangles > PARALLEL_FROM
+                ? umbu_range_run(threads, triangles, PARALLEL_FROM / 8, flatten_block, &f, error)
+                : flatten_block(&f, 0, triangles, error);
         at += triangles;
     }
     if (status != UMB_OK) {
@@ -264,7 +264,8 @@ static enum umb_status flatten_all(const struct umbs_scene_view *view, unsigned 
 static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                struct umb_error *error)
 {
-    UMB__TRY(flatten_all(view, analysis->threads, &analysis->corners, &analysis->flat_count, error));
+    UMB__TRY(
+        flatten_all(view, analysis->threads, &analysis->corners, &analysis->flat_count, error));
     if (analysis->flat_count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }

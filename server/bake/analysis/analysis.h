@@ -53,8 +53,8 @@ struct umbb_analysis {
     /* 1: the corners stay in the analysis, and casters in voxel space are copies, in `copy` between
      * two frusta. 0: memory is short, and the corners are moved. */
     int keeps_corners;
-    double (*copy)[3][3]; /* [count + translucent_count] working memory; NULL: none, or in use */
-    unsigned threads;     /* threads that may pass over the triangles */
+    double (*copy)[3][3];    /* [count + translucent_count] working memory; NULL: none, or in use */
+    unsigned threads;        /* threads that may pass over the triangles */
     uint8_t *kinds;          /* [count] enum umbb_caster */
     uint8_t *dropped;        /* [flat_count] enum umbb_dropped of each flattened triangle */
     size_t count;            /* opaque triangles that can cast */

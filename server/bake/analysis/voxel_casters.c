@@ -116,8 +116,9 @@ static enum umb_status take_corners(struct umbb_analysis *analysis,
         return UMB_OK;
     }
     voxels->lender = analysis;
-    voxels->corners = analysis->copy != NULL ? analysis->copy
-                                             : malloc((analysis->count + 1) * sizeof *analysis->copy);
+    voxels->corners = analysis->copy != NULL
+                          ? analysis->copy
+                          : malloc((analysis->count + 1) * sizeof *analysis->copy);
     analysis->copy = NULL;
     return voxels->corners != NULL
                ? UMB_OK

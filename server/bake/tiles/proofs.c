@@ -38,14 +38,10 @@ static void name_place(const struct umbb_proofs_job *job, uint32_t number,
 {
     const struct umb_frustum_info *frustum = &job->analysis->frusta[number];
     const struct umb_light_info *light = &job->analysis->choice.lights[frustum->light];
-    const uint32_t numbers[] = {UMBB_BAKE_VERSION,
-                                number,
-                                (uint32_t)light->kind,
-                                proofs->log2_size,
-                                proofs->tile_log2,
-                                proofs->square_log2,
-                                (uint32_t)frustum->closed,
-                                (uint32_t)job->occluder_depth};
+    const uint32_t numbers[] = {UMBB_BAKE_VERSION,         number,
+                                (uint32_t)light->kind,     proofs->log2_size,
+                                proofs->tile_log2,         proofs->square_log2,
+                                (uint32_t)frustum->closed, (uint32_t)job->occluder_depth};
     struct umbs_sha256_run run;
     umbs_sha256_begin(&run);
     umbs_sha256_add(&run, place_domain, sizeof place_domain);
@@ -132,9 +128,9 @@ static enum umb_status open_frustum(const struct umbb_proofs_job *job, uint32_t 
     proofs->log2_size = log2_size;
     proofs->tile_log2 = job->tile_log2;
     proofs->points = job->points;
-    proofs->square_log2 =
-        log2_size > UMBB_SQUARE_LOG2 + SQUARES_ACROSS_LOG2 ? log2_size - SQUARES_ACROSS_LOG2
-                                                           : UMBB_SQUARE_LOG2;
+    proofs->square_log2 = log2_size > UMBB_SQUARE_LOG2 + SQUARES_ACROSS_LOG2
+                              ? log2_size - SQUARES_ACROSS_LOG2
+                              : UMBB_SQUARE_LOG2;
     proofs->tile_count = (size_t)1 << (2 * (log2_size - job->tile_log2));
     proofs->square_count = (size_t)1 << (2 * (job->tile_log2 - proofs->square_log2));
     const size_t squares = proofs->tile_count * proofs->square_count;

@@ -51,11 +51,11 @@ struct umbb_tile_proof {
 
 /* Records of one frustum. */
 struct umbb_frustum_proofs {
-    uint8_t place[UMB_ID_BYTES];   /* name of the record in the cache */
-    uint32_t log2_size, tile_log2; /* voxels a side of the frustum, texels a side of a tile */
-    uint32_t square_log2;          /* texels a side of a square */
-    uint64_t points;               /* least points of a random check that is inherited */
-    size_t tile_count, square_count;         /* number of tiles; of squares in a tile */
+    uint8_t place[UMB_ID_BYTES];     /* name of the record in the cache */
+    uint32_t log2_size, tile_log2;   /* voxels a side of the frustum, texels a side of a tile */
+    uint32_t square_log2;            /* texels a side of a square */
+    uint64_t points;                 /* least points of a random check that is inherited */
+    size_t tile_count, square_count; /* number of tiles; of squares in a tile */
     struct umbb_tile_proof *before, *now;    /* [tile_count] the record found; this bake's */
     struct umbb_square_proof *squares;       /* [tile_count][square_count] the record found */
     struct umbb_square_proof *squares_now;   /* [tile_count][square_count] this bake's */
@@ -97,12 +97,10 @@ int umbb_square_is_proven(const struct umbb_frustum_proofs *proofs,
 
 /* Notes a tile that was found or baked. In: key: its name; digest: SHA-256 of umbb_tile_encode's
  * bytes. Fails: E_NO_MEMORY. */
-UMB_CHECKED enum umb_status umbb_proofs_note(struct umbb_frustum_proofs *proofs,
-                                             const struct umbb_depth *depth,
-                                             const struct umbb_tile_place *place,
-                                             const uint8_t key[UMB_ID_BYTES],
-                                             const uint8_t digest[UMB_ID_BYTES],
-                                             struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbb_proofs_note(struct umbb_frustum_proofs *proofs, const struct umbb_depth *depth,
+                 const struct umbb_tile_place *place, const uint8_t key[UMB_ID_BYTES],
+                 const uint8_t digest[UMB_ID_BYTES], struct umb_error *error);
 
 /* Removes the results of all tiles that were not inherited: the self-check refused one of them. */
 void umbb_proofs_refuse(const struct umbb_proofs *proofs);

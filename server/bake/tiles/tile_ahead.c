@@ -28,6 +28,7 @@ struct umbb_tile_ahead {
     struct umbb_tile_shape shape;
     uint32_t first, end; /* tiles of the group; empty at first */
     size_t max_bytes;    /* of one tile */
+    atomic_int ended;    /* 1: tiles of the group that were not begun are left out */
     struct slot slots[GROUP];
 };
 
@@ -60,9 +61,17 @@ void umbb_tile_ahead_destroy(struct umbb_tile_ahead *ahead)
 void umbb_tile_ahead_begin(struct umbb_tile_ahead *ahead, const struct umbb_depth *depth,
                            const struct umbb_tile_shape *shape)
 {
-    umbu_threads_wait(ahead->threads, NULL, NULL);
     ahead->depth = depth;
     ahead->shape = *shape;
+    ahead->first = ahead->end = 0;
+    atomic_store(&ahead->ended, 0);
+}
+
+void umbb_tile_ahead_end(struct umbb_tile_ahead *ahead)
+{
+    atomic_store(&ahead->ended, 1);
+    umbu_threads_wait(ahead->threads, NULL, NULL);
+    ahead->depth = NULL;
     ahead->first = ahead->end = 0;
 }
 
@@ -92,9 +101,11 @@ static void read_job(void *user, uint32_t slice, unsigned thread)
 {
     struct umbb_tile_ahead *ahead = user;
     struct slot *slot = &ahead->slots[slice];
-    const struct umbb_tile_place place =
-        umbb_tile_place_of(&ahead->shape, ahead->first + slice);
+    const struct umbb_tile_place place = umbb_tile_place_of(&ahead->shape, ahead->first + slice);
     (void)thread;
+    if (atomic_load_explicit(&ahead->ended, memory_order_relaxed)) {
+        return;
+    }
     umbb_tile_key(ahead->depth, &ahead->shape, &place, slot->read.key);
     read_result(ahead, slot);
     atomic_store_explicit(&slot->is_done, 1, memory_order_release);

@@ -8,6 +8,7 @@
  *     umbb_tile_ahead_create(threads, &ahead, &error);
  *     for each frustum: umbb_tile_ahead_begin(ahead, &depth, &shape);
  *                       for ascending tiles: umbb_tile_ahead_get(ahead, cache, number, max_bytes)
+ *                       umbb_tile_ahead_end(ahead);
  *     umbb_tile_ahead_destroy(ahead);
  */
 #include "bake/depth/depth.h"
@@ -31,9 +32,12 @@ UMB_CHECKED enum umb_status umbb_tile_ahead_create(unsigned threads, struct umbb
                                                    struct umb_error *error);
 void umbb_tile_ahead_destroy(struct umbb_tile_ahead *ahead); /* NULL is allowed */
 
-/* Starts a frustum. In: depth: a depth path with lists, borrowed until the next call. */
+/* Starts a frustum. In: depth: a depth path with lists, borrowed until the end. */
 void umbb_tile_ahead_begin(struct umbb_tile_ahead *ahead, const struct umbb_depth *depth,
                            const struct umbb_tile_shape *shape);
+
+/* Ends a frustum: waits for tiles that are being read, and leaves the others. */
+void umbb_tile_ahead_end(struct umbb_tile_ahead *ahead);
 
 /*
  * Returns a tile, and starts others. It is valid until the next call.

@@ -526,8 +526,7 @@ enum umb_status umbb_tile_join(const struct umbb_tile_shape *shape,
         const uint32_t ref = umb__load32(run + 4);
         const uint32_t number =
             umb__ref_state(ref) == UMB__NODE_MIXED ? numbers->refs[parsed->top[ref]] : ref;
-        UMB__TRY(
-            umbb_runs_push(runs, result->column.run_first, umb__load32(run), number, error));
+        UMB__TRY(umbb_runs_push(runs, result->column.run_first, umb__load32(run), number, error));
     }
     result->column.run_count = runs->count - result->column.run_first;
     return UMB_OK;

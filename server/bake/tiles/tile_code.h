@@ -66,13 +66,13 @@ UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape
                                              const struct umbb_tile_result *result, uint8_t **bytes,
                                              size_t *size, struct umb_error *error);
 
-/* A result that was read and checked. Start zeroed, with a loose pool (umb__pool_init_loose); it can
- * be used again and again. */
+/* A result that was read and checked. Start zeroed, with a loose pool (umb__pool_init_loose). The
+ * struct can be used again and again. */
 struct umbb_tile_parsed {
     struct umb__pool pool; /* the result's nodes */
     struct umbb_tile_result result;
-    uint32_t *top;         /* refs of the nodes of the tile's level in the pool, malloced */
-    const uint8_t *runs;   /* the column's runs, in the bytes that were read */
+    uint32_t *top;       /* refs of the nodes of the tile's level in the pool, malloced */
+    const uint8_t *runs; /* the column's runs, in the bytes that were read */
     uint32_t run_count;
     uint32_t *occluder_depth; /* words of the part of first occluders, malloced; NULL: none */
 };
@@ -103,15 +103,13 @@ UMB_CHECKED enum umb_status umbb_tile_parse(const struct umbb_tile_shape *shape,
  * Out:   result: its column's runs are appended to nodes->runs.
  * Fails: as umb__pool_merge and umb__occluder_depth_add_square.
  */
-UMB_CHECKED enum umb_status umbb_tile_join(const struct umbb_tile_shape *shape,
-                                           const struct umbb_tile_parsed *parsed,
-                                           const struct umbb_tile_nodes *nodes,
-                                           struct umb__pool_numbers *numbers,
-                                           struct umbb_tile_result *result,
-                                           struct umb_error *error);
+UMB_CHECKED enum umb_status
+umbb_tile_join(const struct umbb_tile_shape *shape, const struct umbb_tile_parsed *parsed,
+               const struct umbb_tile_nodes *nodes, struct umb__pool_numbers *numbers,
+               struct umbb_tile_result *result, struct umb_error *error);
 
-/* Reads a result and adds it to a pool: both of the above. Fails: E_CORRUPT (pool, runs and occluder
- * depth map are unchanged), and as both. */
+/* Reads a result and adds it to a pool: does both of the above. Fails: E_CORRUPT (pool, runs and
+ * occluder depth map are unchanged), and as both. */
 UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
                                              const uint8_t *bytes, size_t size,
                                              const struct umbb_tile_nodes *nodes,

@@ -46,6 +46,13 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
                              : NULL;
 }
 
+void umbb_tile_folder_frustum_end(struct umbb_tile_folder *tile_folder)
+{
+    umbb_tile_ahead_end(tile_folder->ahead);
+    tile_folder->depth = NULL;
+    tile_folder->proof = NULL;
+}
+
 /* Prints the first failure of the cache. */
 static void notice(struct umbb_tile_folder *tile_folder, const struct umb_error *error)
 {
@@ -113,8 +120,8 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place,
     struct umbb_tile_folder *tile_folder = user;
     *found = 0;
     turn_to(tile_folder, place);
-    const struct umbb_tile_read *read = umbb_tile_ahead_get(
-        tile_folder->ahead, &tile_folder->cache, place->number, nodes->max_bytes);
+    const struct umbb_tile_read *read = umbb_tile_ahead_get(tile_folder->ahead, &tile_folder->cache,
+                                                            place->number, nodes->max_bytes);
     const uint8_t *key = read->key;
     if (read->is_whole && tile_folder->proof != NULL &&
         umbb_proofs_contradict(tile_folder->proof, place->number, key, read->digest)) {

@@ -2,7 +2,7 @@
 #include "bake/write/check_verdict.h"
 
 enum umb_status umbb_check_verdict(const struct umbb_check *check, uint32_t light,
-                                 const struct umbr_verify_result *result, struct umb_error *error)
+                                   const struct umbr_verify_result *result, struct umb_error *error)
 {
     const double *p = result->worst_point;
     if (result->outside_band == 0) {

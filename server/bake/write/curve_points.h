@@ -19,8 +19,7 @@
  *        triangles.
  */
 UMB_CHECKED enum umb_status umbb_curve_add(const struct umbb_analysis *analysis,
-                                           const struct umb__octree *octree,
-                                           unsigned threads, struct umb__content *content,
-                                           struct umb_error *error);
+                                           const struct umb__octree *octree, unsigned threads,
+                                           struct umb__content *content, struct umb_error *error);
 
 #endif

@@ -22,11 +22,11 @@ struct umbb_near_casters {
  * Fails: E_NO_MEMORY.
  * Cost:  a pass over the triangles.
  */
-UMB_CHECKED enum umb_status
-umbb_near_casters_find(const struct umb_asset *asset, uint32_t light,
-                       const struct umbb_check *check, const struct umbr_square *squares,
-                       size_t count, struct umbb_near_casters *near, int *found,
-                       struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_near_casters_find(const struct umb_asset *asset, uint32_t light,
+                                                   const struct umbb_check *check,
+                                                   const struct umbr_square *squares, size_t count,
+                                                   struct umbb_near_casters *near, int *found,
+                                                   struct umb_error *error);
 void umbb_near_casters_finish(struct umbb_near_casters *near);
 
 #endif

@@ -86,7 +86,6 @@ enum umb_status umbb_self_check(const struct umb_asset *asset, const struct umbb
     if (status == UMB_OK && sample) {
         status = compare_points(asset, check, info.light_count, checked, error);
     }
-    return status == UMB_E_CANCELLED
-               ? umb_fail(error, status, "interrupted: nothing was written")
-               : status;
+    return status == UMB_E_CANCELLED ? umb_fail(error, status, "interrupted: nothing was written")
+                                     : status;
 }

@@ -5,10 +5,10 @@
  * The self-check of a bake: an opened asset against traced rays.
  *
  * Without records of earlier bakes, points are drawn at random in the whole asset. With records
- * (tiles/proofs.h), tiles and squares that were compared before as closely, from the same casters and
- * with the same voxels, are left out. In the others every voxel is compared (rays/verify_squares.h), which
- * finds one wrong voxel for certain. If that would trace more than four columns for each point of
- * the random check, the random check is made.
+ * (tiles/proofs.h), tiles and squares that were compared before as closely, from the same casters
+ * and with the same voxels, are left out. In the others every voxel is compared
+ * (rays/verify_squares.h), which finds one wrong voxel for certain. If that would trace more than
+ * four columns for each point of the random check, the random check is made.
  */
 #include "bake/tiles/proofs.h"
 #include "rays/verify.h"
@@ -32,8 +32,8 @@ struct umbb_checked {
     struct umbr_verify_result verified; /* sums; zero if it was not requested */
     int sampled;                        /* 1: points were drawn in the whole asset */
     uint64_t tiles, tiles_inherited;    /* tiles; tiles that earlier bakes compared */
-    uint64_t squares; /* squares of other tiles that were compared voxel by voxel */
-    uint64_t columns; /* columns traced for them */
+    uint64_t squares;           /* squares of other tiles that were compared voxel by voxel */
+    uint64_t columns;           /* columns traced for them */
     uint64_t squares_inherited; /* squares of other tiles that earlier bakes compared */
     uint64_t oldest_s;          /* seconds since 1970 of the oldest comparison inherited; 0: none */
 };

@@ -12,7 +12,13 @@
 #define CUBE_LOG2 6U
 
 /* Words of the digest's input. */
-enum word { WORD_SHADOWED = 0, WORD_LIT = 1, WORD_MIXED = 2, WORD_RUN = 3, WORD_CUBE = 4 };
+enum word {
+    WORD_SHADOWED = 0,
+    WORD_LIT = 1,
+    WORD_MIXED = 2,
+    WORD_RUN = 3,
+    WORD_CUBE = 4
+};
 
 struct reading {
     const struct umb__tree *tree;

@@ -27,8 +27,8 @@
 /* One square of a tile that was not inherited. */
 struct item {
     uint32_t frustum;
-    uint32_t x, y;     /* first texel */
-    size_t number;     /* in the frustum's records */
+    uint32_t x, y; /* first texel */
+    size_t number; /* in the frustum's records */
     const uint8_t *casters;
     int is_known; /* 1: compared by an earlier bake */
 };
@@ -183,8 +183,8 @@ static enum umb_status trace(const struct squares *squares, uint32_t light,
         .closed = casters->closed, .threads = check->threads, .cancelled = umbb_interrupted};
     struct umbr_rays *rays;
     UMB__TRY(umbr_rays_build(casters->corners, casters->count, &quick, &rays, error));
-    const enum umb_status status = umbr_verify_squares(squares->asset, light, rays, &options,
-                                                       pieces, count, result, error);
+    const enum umb_status status =
+        umbr_verify_squares(squares->asset, light, rays, &options, pieces, count, result, error);
     umbr_rays_destroy(rays);
     return status;
 }
@@ -200,11 +200,10 @@ static enum umb_status trace_light(const struct squares *squares, uint32_t light
                                           .cuts = *check->cuts,
                                           .count = check->count};
     int found;
-    UMB__TRY(umbb_near_casters_find(squares->asset, light, check, pieces, count, &near, &found,
-                                    error));
+    UMB__TRY(
+        umbb_near_casters_find(squares->asset, light, check, pieces, count, &near, &found, error));
     if (found) {
-        const enum umb_status status =
-            trace(squares, light, &near, pieces, count, result, error);
+        const enum umb_status status = trace(squares, light, &near, pieces, count, result, error);
         umbb_near_casters_finish(&near);
         if (status != UMB_OK || (result->found.outside_band == 0 && !result->gave_up)) {
             return status;
@@ -316,8 +315,7 @@ void umbb_squares_sampled(struct umbb_proofs *proofs, uint64_t points)
         struct umbb_frustum_proofs *one = &proofs->frusta[f];
         for (size_t tile = 0; tile < one->tile_count; tile++) {
             for (size_t i = 0; i < one->square_count && one->casters[tile] != NULL; i++) {
-                struct umbb_square_proof *square =
-                    &one->squares_now[tile * one->square_count + i];
+                struct umbb_square_proof *square = &one->squares_now[tile * one->square_count + i];
                 if (square->time_s == 0) {
                     square->time_s = now;
                     square->points = points < UINT32_MAX ? (uint32_t)points : UINT32_MAX;

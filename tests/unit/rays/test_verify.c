@@ -45,8 +45,8 @@ struct recipe {
     const struct world *world;
     const struct umbr_light_frame *light_frame;
     double towards[3];
-    int fill_inside; /* random answers inside closed solids, as the closed rule allows */
-    int planted;     /* wrong single voxels, one in each 16^3 block */
+    int fill_inside;      /* random answers inside closed solids, as the closed rule allows */
+    int planted;          /* wrong single voxels, one in each 16^3 block */
     const uint8_t *known; /* [SIZE^3] answers to use, by x + SIZE * (y + SIZE * z); NULL: trace */
 };
 
