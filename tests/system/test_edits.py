@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 
+os.environ.setdefault("UMBRAGE_EDITS_LOG2", "11")  # before the module reads it
 import edits
 
 EDITS = 10
