@@ -19,6 +19,7 @@ struct umb__expanded_level {
     uint32_t *children; /* [first[count]] Position below node_count of the level below: a node of
                            this page; otherwise that number plus an index in `others` */
     struct umb__node_place *others; /* Nodes of other pages */
+    uint8_t *closed;                /* [count] 1: everything below the node is in this page */
 };
 
 struct umb__expanded {

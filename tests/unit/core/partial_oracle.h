@@ -39,7 +39,10 @@ struct oracle {
     struct umb__octree graph;       /* Without bricks; children and roots may be UMB__ABSENT | page */
     uint32_t *order;                /* [order_count] Pages in the graph, ascending */
     uint32_t order_count;
-    float *seen[UMB__LEVELS]; /* Greatest benefit of a whole cube of each node */
+    float *seen[UMB__LEVELS];     /* Greatest benefit of a whole cube of each node */
+    uint8_t *closed[UMB__LEVELS]; /* 1: everything below the node is in its page */
+    bool walks_all; /* True: a want also walks below nodes whose whole tree is in one page */
+    bool met_bound; /* True: the last want met the bound of its steps */
     struct umb_asset lower, upper;
 };
 
@@ -50,7 +53,9 @@ static inline void oracle_unbuild(struct oracle *p)
     umb__mapped_finish(&p->lower.mapped);
     for (size_t level = 0; level < UMB__LEVELS; level++) {
         umb__free(NULL, p->seen[level]);
+        umb__free(NULL, p->closed[level]);
         p->seen[level] = NULL;
+        p->closed[level] = NULL;
     }
     umb__octree_finish(&p->graph);
     umb__free(NULL, p->order);
@@ -256,6 +261,24 @@ static inline void place_roots(struct oracle *p)
     }
 }
 
+/* Finds the nodes of a level below which everything is in their page. */
+static inline bool find_closed(struct oracle *p, uint32_t l)
+{
+    const struct umb__octree_level *level = &p->graph.level[l];
+    p->closed[l] = umb__alloc_zeroed(NULL, level->count, 1);
+    for (uint32_t i = 0; i < level->count && p->closed[l]; i++) {
+        uint8_t closed = 1;
+        for (uint32_t c = level->first[i]; c < level->first[i + 1]; c++) {
+            const uint32_t child = level->children[c];
+            closed &= !(child & UMB__ABSENT) &&
+                      oracle_page_of(p, l - 1, child) == oracle_page_of(p, l, i) &&
+                      (l - 1 == UMB_LEVEL_BRICK || p->closed[l - 1][child]);
+        }
+        p->closed[l][i] = closed;
+    }
+    return p->closed[l] != NULL;
+}
+
 static inline enum umb_status build_graph(struct oracle *p, struct umb_error *error)
 {
     uint64_t totals[UMB__LEVELS];
@@ -265,9 +288,9 @@ static inline enum umb_status build_graph(struct oracle *p, struct umb_error *er
     }
     UMB__TRY(fill_graph(p, error));
     place_roots(p);
-    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
         p->seen[l] = umb__alloc(NULL, p->graph.level[l].count, sizeof *p->seen[l]);
-        if (!p->seen[l]) {
+        if (!p->seen[l] || !find_closed(p, l)) {
             return oracle_no_memory(error);
         }
     }
@@ -413,10 +436,17 @@ static inline void mark(struct oracle *p, uint32_t level, uint32_t node, double 
     }
 }
 
+/* Returns whether a walk ends at a node. */
+static inline bool ends_at(const struct oracle *p, uint32_t level, uint32_t child)
+{
+    return (child & UMB__ABSENT) || level == UMB_LEVEL_BRICK ||
+           (!p->walks_all && p->closed[level][child]);
+}
+
 /* Wants a child and all below it without a visit. */
 static inline void want_all(struct oracle *p, uint32_t level, uint32_t child, double benefit)
 {
-    if ((child & UMB__ABSENT) || level == UMB_LEVEL_BRICK) {
+    if (ends_at(p, level, child)) {
         add_benefit(p, level, child, benefit);
     } else {
         mark(p, level, child, benefit);
@@ -460,8 +490,8 @@ static inline void walk_cube(struct walk *w, const struct cube *cube, double abo
         seen.edge_m <= view->max_error_rad * seen.distance_m) {
         return;
     }
-    const bool absent = (cube->child & UMB__ABSENT) != 0;
-    if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
+    const bool end = ends_at(p, cube->level, cube->child);
+    if (!end && seen.whole) {
         /* An earlier walk from another cube of this node found everything below the node. With
          * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
          * more than four times as great is worth a second walk. */
@@ -473,7 +503,7 @@ static inline void walk_cube(struct walk *w, const struct cube *cube, double abo
         *best = nextafterf((float)seen.benefit, 0.0F);
     }
     add_benefit(p, cube->level, cube->child, seen.benefit);
-    if (absent || cube->level == UMB_LEVEL_BRICK) {
+    if (end) {
         return;
     }
     const struct umb__octree_level *level = &p->graph.level[cube->level];
@@ -511,6 +541,7 @@ static inline void walk_roots(struct oracle *p, const struct umb__sight *sight)
             walk_cube(&w, &cube, ROOT_BENEFIT);
         }
     }
+    p->met_bound = w.steps == 0;
     if (w.steps == 0) {
         want_marked(p);
     }

@@ -151,6 +151,28 @@ static void compare_queries(struct bench *b)
     expect_equal_marks(b);
 }
 
+/* Missing pages have the marks of a walk through everything in the view, down to the bricks. */
+static void expect_marks_of_a_whole_walk(struct bench *b, const struct umb_partial_view *view)
+{
+    const struct umb_partial *p = b->f.partial;
+    struct oracle *oracle = &b->oracle;
+    const size_t size = p->head.page_count * sizeof *oracle->benefit;
+    double *kept = malloc(size);
+    memcpy(kept, oracle->benefit, size);
+    oracle->walks_all = true;
+    assert_int_equal(oracle_want(oracle, view, 0, NULL), UMB_OK);
+    oracle->walks_all = false;
+    for (uint32_t page = 0; page < p->head.page_count && !oracle->met_bound; page++) {
+        if (!umb_partial_has(p, page) &&
+            memcmp(&oracle->benefit[page], &kept[page], sizeof(double)) != 0) {
+            fail_msg("%s: missing page %u: benefit %.17g, of a whole walk %.17g", b->subject->name,
+                     page, kept[page], oracle->benefit[page]);
+        }
+    }
+    memcpy(oracle->benefit, kept, size);
+    free(kept);
+}
+
 static void compare_wants(struct bench *b)
 {
     struct umb_partial_view view = {.light = UINT32_MAX, .taps = next_random(&b->seed) % 2 ? 1 : 0};
@@ -174,6 +196,9 @@ static void compare_wants(struct bench *b)
     assert_int_equal(umb_partial_want(b->f.partial, &view, add, NULL), UMB_OK);
     assert_int_equal(oracle_want(&b->oracle, &view, add, NULL), UMB_OK);
     expect_equal_marks(b);
+    if (!add) {
+        expect_marks_of_a_whole_walk(b, &view);
+    }
 }
 
 /* Adds or drops a random page. About `share` of 16 pages are held in the long run; of the first
