@@ -70,7 +70,7 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
+SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
 system: python $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
