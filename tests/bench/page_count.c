@@ -3,7 +3,7 @@
  * Work of pages that come and go.
  *
  *     page_count write FILE              writes an asset of about 1200 pages
- *     page_count run FILE HELD           holds the first HELD pages; then adds the last 32, one a
+ *     page_count run FILE HELD           holds the first HELD pages; then adds the last 16, one a
  *                                        build (page_come), and drops them again (page_go)
  *     page_count race FILE POINTS        CPU time of queries on half of the pages, beside a layout
  *                                        that is made anew (harness/partial_oracle.h); POINTS: six
@@ -22,7 +22,7 @@
 
 enum {
     LOG2_SIZE = 12,
-    MEASURED = 32,
+    MEASURED = 16,
     POINTS_MOST = 1 << 16,
     ROUNDS = 15,
 };

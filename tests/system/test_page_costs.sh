@@ -30,7 +30,7 @@ for function in page_come page_go; do
     for held in 100 1000; do
         many=$(count $function $held)
         verdict=$(awk -v a="$few" -v b="$many" 'BEGIN {
-            print (a > 0 && b / a <= 1.2 && a / b <= 1.2) ? "ok" : "NOT THE SAME" }')
+            print (a > 0 && b > 0 && b / a <= 1.2 && a / b <= 1.2) ? "ok" : "NOT THE SAME" }')
         echo "$function: $few instructions a page at 10 pages held, $many at $held: $verdict"
         [ "$verdict" = ok ] || failures=$((failures + 1))
     done

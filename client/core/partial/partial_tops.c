@@ -9,8 +9,9 @@
 #include "base/memory.h"
 #include "partial/partial_parts.h"
 
-#define GRID_LOG2_MOST 5U /* Finest grid; in deep frusta one level finer */
-#define GRID_LEVEL_LOW 9U /* Lowest level of the cells of that finer grid */
+#define GRID_LOG2_MOST 6U  /* Finest grid */
+#define CELL_LEVEL_LOW 9U  /* Lowest level of the cells of a grid that could be coarser: most pages
+                              have no node of this level, and leave the cells as they are */
 #define CELL_BYTES     16U /* Bytes of a cell: in two grids and two lists of pieces */
 #define BUDGET_SHARE   16U /* Divisor of the memory budget that limits grids and columns */
 #define CONTENT_SHARE  8U  /* Divisor of the asset's bytes that does */
@@ -20,9 +21,8 @@
 static uint32_t choose_grid(uint32_t n, uint64_t budget)
 {
     uint32_t grid = n % 2 == 1 ? 0 : 1;
-    for (uint32_t g = grid + 2; g + UMB__WIDE_FIRST <= n; g += 2) {
-        const bool fine = g <= GRID_LOG2_MOST || (g == GRID_LOG2_MOST + 1 && g + GRID_LEVEL_LOW <= n);
-        if (fine && (uint64_t)CELL_BYTES << (3 * g) <= budget) {
+    for (uint32_t g = grid + 2; g <= GRID_LOG2_MOST && g + CELL_LEVEL_LOW <= n; g += 2) {
+        if ((uint64_t)CELL_BYTES << (3 * g) <= budget) {
             grid = g;
         }
     }
