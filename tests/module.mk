@@ -90,6 +90,10 @@ volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, col
 		for what in segments columns boxes; do echo "$$scene: $$what against rays" && \
 			$(BUILD)/umbrage verify $$file.umb --scene $$file.ply --ask $$what || exit 1; done || exit 1; done
 
+# Pages of partial assets that come and go: 10000 random steps on each of eight assets.
+partial-changes: $(BUILD)/tests/unit/core/test_partial_changes ## partial assets against a layout made anew: 10000 steps on eight assets
+	@UMBRAGE_CASES=10000 timeout 7200 $<
+
 # Every hard case against long double or exact references, 10^6 random cases or more of each; rays
 # through edges and corners 10^8.
 NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum maps_moments) \
@@ -256,7 +260,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

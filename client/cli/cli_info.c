@@ -359,8 +359,8 @@ static void print_page(uint32_t number, const struct umb_partial_page *page)
 {
     char hash[UMB_ID_TEXT_SIZE];
     umb_id_to_text(page->hash, hash);
-    (void)printf("%8" PRIu32 "  %s  %2" PRIu32 " to %2" PRIu32 " %8" PRIu32 " %8" PRIu32 " %8" PRIu32
-                 " %12" PRIu64 "  %s\n",
+    (void)printf("%8" PRIu32 "  %s  %2" PRIu32 " to %2" PRIu32 " %8" PRIu32 " %8" PRIu32
+                 " %8" PRIu32 " %12" PRIu64 "  %s\n",
                  number, hash, page->level_high, page->level_low, page->node_count,
                  page->stored_bytes, page->raw_bytes, page->offset, page->held ? "held" : "");
 }

@@ -42,14 +42,14 @@ struct slot {
 
 struct job {
     const struct umbc_query_options *options;
-    const struct umb_asset *asset;  /* the file's asset; NULL: a daemon's */
-    struct umb_asset *whole;        /* the same, if the file is whole */
-    struct umb_partial *partial;    /* the partial file; NULL: none */
-    size_t columns;                 /* numbers of a point: its lights, or BOUNDED times as many */
+    const struct umb_asset *asset; /* the file's asset; NULL: a daemon's */
+    struct umb_asset *whole;       /* the same, if the file is whole */
+    struct umb_partial *partial;   /* the partial file; NULL: none */
+    size_t columns;                /* numbers of a point: its lights, or BOUNDED times as many */
     struct umb_query_settings *by_light; /* [light_count] settings of a partial file's lights */
-    bool bad_file;             /* true: the file could not be opened */
-    struct umb_query *queries; /* [light_count] prepared queries of the file */
-    uint32_t *lights;          /* [light_count] */
+    bool bad_file;                       /* true: the file could not be opened */
+    struct umb_query *queries;           /* [light_count] prepared queries of the file */
+    uint32_t *lights;                    /* [light_count] */
     size_t light_count;
     size_t batch_size;         /* number of points in a call */
     struct umb_client *client; /* connection to the daemon; NULL: a file */
@@ -74,8 +74,8 @@ static enum umb_status answer_partly(struct job *job, struct slot *slot, struct 
                                               .low = slot->values[BOUNDED * k + 1],
                                               .high = slot->values[BOUNDED * k + 2],
                                               .stats = slot->stats[k]};
-        UMB__TRY(umb_partial_query(job->partial, &job->by_light[k], &slot->points, 0, &answers,
-                                   error));
+        UMB__TRY(
+            umb_partial_query(job->partial, &job->by_light[k], &slot->points, 0, &answers, error));
         slot->stats[k] = answers.stats;
         job->total.exact += answers.exact;
         if (answers.worst_error_m > job->total.worst_error_m) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Queries the lower and the upper asset. Where their answers differ, the pages' nodes give the bound
- * of the error. */
+/* Queries the lower and the upper asset. Where their answers differ, the pages' nodes give the
+ * bound of the error. */
 #include <math.h>
 #include <string.h>
 
@@ -100,8 +100,8 @@ struct chosen {
     float normals[3 * (CHUNK + 1)], footprints[CHUNK + 1];
 };
 
-/* Chooses the points whose answer is less than 1: where the lower asset is all lit, the upper one is
- * too. */
+/* Chooses the points whose answer is less than 1: where the lower asset is all lit, the upper one
+ * is too. */
 static void choose(const struct umb_points *points, const float *low, struct chosen *chosen)
 {
     uint32_t count = 0;
@@ -113,8 +113,8 @@ static void choose(const struct umb_points *points, const float *low, struct cho
 }
 
 /* Copies `size` bytes of each chosen point. */
-static inline __attribute__((always_inline)) void
-gather(const struct chosen *chosen, const void *from, size_t size, void *to)
+static inline __attribute__((always_inline)) void gather(const struct chosen *chosen,
+                                                         const void *from, size_t size, void *to)
 {
     for (uint32_t i = 0; i < chosen->count; i++) {
         memcpy((uint8_t *)to + i * size, (const uint8_t *)from + chosen->index[i] * size, size);

@@ -39,9 +39,9 @@
  * Answers without a page: the held pages are laid out as two assets. In the lower asset every
  * missing subtree is all shadowed, in the upper asset all lit. Both are ordinary assets, so every
  * query runs on them unchanged. A page is expanded once, when it comes; no other page is touched,
- * but for the nodes that refer to it. A window counts lit voxels, so the truth lies between the two answers.
- * Where they are equal, the answer is exact: bit for bit that of the whole file. Elsewhere the
- * answer is the occupancy of the deepest node held, clamped to the two.
+ * but for the nodes that refer to it. A window counts lit voxels, so the truth lies between the two
+ * answers. Where they are equal, the answer is exact: bit for bit that of the whole file. Elsewhere
+ * the answer is the occupancy of the deepest node held, clamped to the two.
  *
  * Trust: safe on hostile bytes. Head, directory and canonical block are checked against the id.
  * Each page is checked against its SHA-256 in the directory, for its structure, and for its links
@@ -145,8 +145,8 @@ UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int
                                           uint32_t *list, size_t room);
 
 /*
- * Adds one page as stored in the file; queries use it from the next build on. If the memory budget is used up, pages of less benefit are
- * dropped for the new page.
+ * Adds one page as stored in the file; queries use it from the next build on. If the memory budget
+ * is used up, pages of less benefit are dropped for the new page.
  *
  * In:    stored: uint8[size], copied.
  * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is missing), E_EXISTS (the
