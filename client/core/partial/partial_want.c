@@ -8,10 +8,10 @@
  * was found.
  *
  * Pages share nodes, so the unfolded tree may be larger by any factor. Therefore the walk counts
- * the cubes that it visits. Assets of scenes take fewer cubes than nodes held. At STEPS_A_NODE the
- * walk stops and marks the nodes that remain. Then one pass over the nodes, from the top down and
- * each node once, wants everything below the marked nodes. The result may have too many pages,
- * never too few.
+ * the cubes that it visits. Views of scenes take up to 5 cubes for each node held, most of them
+ * missing. At STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the
+ * nodes, from the top down and each node once, wants everything below the marked nodes. The result
+ * may have too many pages, never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -45,7 +45,7 @@ struct walk {
 
 /* Limit of the cubes that a walk visits: STEPS_A_NODE for each node held, and STEPS_MIN more. */
 enum {
-    STEPS_A_NODE = 64,
+    STEPS_A_NODE = 16,
     STEPS_MIN = 1024,
 };
 
