@@ -41,13 +41,13 @@ static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_p
         if (umb_partial_want(f->partial, view, 0, &error) != UMB_OK) {
             fail_msg("want: %s", error.message);
         }
-        const uint64_t nodes = umb__partial_nodes(f->partial), most = 1024 + 65 * nodes;
+        const uint64_t nodes = f->partial->node_count, most = 1024 + 17 * nodes;
         if (f->partial->want_steps > most) {
             fail_msg("%llu steps of %llu nodes, at most %llu",
                      (unsigned long long)f->partial->want_steps, (unsigned long long)nodes,
                      (unsigned long long)most);
         }
-        met = met || f->partial->want_steps > 1024 + 64 * nodes;
+        met = met || f->partial->want_steps > 1024 + 16 * nodes;
         const size_t count = umb_partial_missing(f->partial, list, 256, 0);
         for (size_t i = 0; i < count; i++) {
             partial_add(f, list[i]);
