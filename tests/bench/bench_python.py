@@ -3,7 +3,7 @@
 """
 bench_python.py [POINTS]: the Python module against a C program (python_peer.c) on the same points, round by round:
 large batches on one thread and on two, and what a batch of 64 points costs above C. Then against one Embree ray a
-point, by the time that `umbrage verify` says. Prints one JSON object a row.
+point from the same script (embree_loop.py), call by call and in one call. Prints one JSON object a row.
 """
 import json
 import os
@@ -16,11 +16,13 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import umbrage_test as ut  # noqa: E402
 
 umbrage, np = ut.need_module()
+import embree_loop  # noqa: E402
 test = ut.Test()
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000_000
 ROUNDS = 7
 ASSET, POINTS = test.path("city.umbm"), test.path("points.f32")
-test.bake(test.scene("city", 20), test.path("city.umb"), "--resolution", 8192, "--closed", "off", "--sun", "135,45",
+SCENE = test.scene("city", 20, form="ply")
+test.bake(SCENE, test.path("city.umb"), "--resolution", 8192, "--closed", "off", "--sun", "135,45",
           "--verify", 0)
 ut.run("umbrage", "unpack", test.path("city.umb"), "-o", ASSET, "--quiet")
 asset = umbrage.open(ASSET)
@@ -82,4 +84,17 @@ def small():
 mine, theirs = race(small, Peer(1, SMALL, test.path("few.f32")))
 print(json.dumps({"row": "python_call_us", "value": round((mine - theirs) / len(batches) * 1e6, 2),
                   "python_us": round(mine / len(batches) * 1e6, 2), "c_us": round(theirs / len(batches) * 1e6, 2)}))
+# Rays from every fiftieth point: a Python loop over all of them takes minutes.
+RAYS = 200_000
+some = np.ascontiguousarray(points[:len(points) // RAYS * RAYS].reshape(RAYS, -1, 3)[:, 0]) if len(points) > RAYS else points
+towards = -np.array(asset.lights[0].direction, np.float32)
+scene = embree_loop.Scene(*embree_loop.read_ply(SCENE))
+lit = asset.query(some, taps=1)
+for name, ask in (("call", scene.lit_by_call), ("batch", scene.lit_by_batch)):
+    same = float((ask(some, towards) == (lit > 0.5)).mean())
+    assert same > 0.97, f"{same:.4f} of the answers are the rays'"  # voxels of 0.1 m at edges
+    times = [(timed(lambda: asset.query(some, taps=1)), timed(lambda: ask(some, towards))) for _ in range(ROUNDS)]
+    mine, theirs = (statistics.median(column) for column in zip(*times))
+    print(json.dumps({"row": f"embree_{name}_factor", "value": round(theirs / mine, 1), "same": round(same, 5),
+                      "python_ns": round(mine * 1e9 / len(some), 2), "embree_ns": round(theirs * 1e9 / len(some), 1)}))
 asset.close()
