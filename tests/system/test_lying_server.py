@@ -16,6 +16,7 @@ import umbrage_test as ut  # noqa: E402
 grpc, _ = ut.need_grpc()
 umbrage, _ = ut.need_module()
 test = ut.Test()
+umbrage.__path__.append(test.path("generated", "umbrage"))  # message classes are umbrage.v1
 city = test.path("city.umb")
 baked = test.bake(test.scene("city", 8), city, "--resolution", 2048, "--verify", 0)
 with open(city, "rb") as file:
