@@ -25,6 +25,7 @@ fi
 optional="
     clang clang-tidy clang-format valgrind abigail-tools
     chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
+    debhelper dh-python debootstrap faketime locales reuse lintian python3-yaml python3-matplotlib python3-pip mypy
 "
 
 usage() {

@@ -62,3 +62,19 @@ page_block() {
     awk -v name="<!-- $2 -->" '$0 == name { found = 1; next } found && /^```/ { if (inside++) exit; next } inside' \
         "$root/$1" | sed 's/sudo //; s/apt install/apt-get install -y/'
 }
+
+# Line of a script that begins with begin=$(date +%s): adds its seconds, by the clock and of processors, to /seconds.
+stop_watch='{ echo $(($(date +%s) - begin)); times | awk "END { gsub(/[ms]/, \" \"); print \$1 * 60 + \$2 + \$3 * 60 + \$4 }"; } | xargs >>/seconds'
+
+# in_time FILE: a first answer takes at most 60 s. On a machine that is busy with other programs the clock counts
+# them too; the processors' time then stands for it.
+in_time() {
+    wall=$(awk '{ s += $1 } END { print s }' "$1") busy=$(awk '{ s += $2 } END { print s }' "$1")
+    load=$(cut -d ' ' -f 1 /proc/loadavg)
+    echo "first answer after $wall s, $busy s of processors, load $load"
+    if awk "BEGIN { exit !($load > $(nproc) + 1) }"; then
+        left_out "60 s by the clock" "the load is $load; the processors' time is compared"
+        wall=$busy
+    fi
+    check "it takes at most 60 s" awk "BEGIN { exit !($wall <= 60) }"
+}

@@ -8,7 +8,6 @@
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 . "$(dirname "$0")/bare_root.sh"
 cd "$root" || exit 1
-limit_s=60
 need_bare_root
 set -- "$BUILD"/deb/*.deb
 [ -e "$1" ] || {
@@ -24,16 +23,14 @@ cp "$@" "$folder/bare/debs"
 {
     echo 'cd /debs && begin=$(date +%s)'
     page_block README.md install-deb
-    echo 'echo $(($(date +%s) - begin)) >/seconds'
+    echo "$stop_watch"
 } >"$folder/first"
 check "README has the commands" grep -q 'umbrage query' "$folder/first"
 in_root bare --net <"$folder/first"
 same "README's commands succeed in a bare root" 0 $?
 tail -n 3 "$folder/bare.log"
-same "the answer is the wall's shadow" 0.000000 "$(tail -n 1 "$folder/bare.log" | cut -c 1-8)"
-seconds=$(cat "$folder/bare/seconds" 2>/dev/null || echo 999)
-echo "first answer after $seconds s"
-check "it takes at most $limit_s s" test "$seconds" -le $limit_s
+check "the answer is the wall's shadow" grep -qx 0 "$folder/bare.log"
+in_time "$folder/bare/seconds"
 same "no compiler came with them" "" "$(ls "$folder/bare/usr/bin" | grep -E '^(gcc|cc|clang|c\+\+)' | tr '\n' ' ')"
 in_root bare <<'SCRIPT'
 cd /tmp
@@ -88,7 +85,7 @@ stop() {
 SCRIPT
 {
     echo 'cd /debs'
-    page_block README.md install-deb | sed 's/-y/-y --no-download/'
+    page_block README.md install-deb
     cat "$folder/serve"
     cat <<'SCRIPT'
 echo '; changed here' >>/etc/umbraged/umbraged.conf
@@ -130,7 +127,7 @@ mkdir "$folder/bare/before"
 cp "$before"/*.deb "$folder/bare/before"
 for place in before debs before; do
     {
-        echo 'apt-get install -y --no-download --allow-downgrades -o Dpkg::Options::=--force-confold' "/$place/*.deb >/dev/null"
+        echo 'apt-get install -y --allow-downgrades -o Dpkg::Options::=--force-confold' "/$place/*.deb >/dev/null"
         echo "dpkg-query -W -f '\${Version}\n' umbraged"
         cat "$folder/serve"
         [ -e "$folder/bare/told.first" ] || echo "echo '; changed here' >>/etc/umbraged/umbraged.conf"
