@@ -64,7 +64,7 @@ page_block() {
 }
 
 # Line of a script that begins with begin=$(date +%s): adds its seconds, by the clock and of processors, to /seconds.
-stop_watch='{ echo $(($(date +%s) - begin)); times | awk "END { gsub(/[ms]/, \" \"); print \$1 * 60 + \$2 + \$3 * 60 + \$4 }"; } | xargs >>/seconds'
+stop_watch='times >/times; echo $(($(date +%s) - begin)) $(awk "END { gsub(/[ms]/, \" \"); print \$1 * 60 + \$2 + \$3 * 60 + \$4 }" /times) >>/seconds'
 
 # in_time FILE: a first answer takes at most 60 s. On a machine that is busy with other programs the clock counts
 # them too; the processors' time then stands for it.

@@ -60,13 +60,14 @@ purge_list >"$folder/clean" || bad "purge" "$(tail -n 5 "$folder/bare.log")"
 same "purging leaves no file" "/var/lib/umbrage" "$(grep -i umbrage "$folder/clean")"
 cat >"$folder/serve" <<'SCRIPT'
 start() {
-    mkdir -p /run/umbrage && chown umbrage:umbrage /run/umbrage
+    mkdir -p /run/umbrage && chown umbrage:umbrage /run/umbrage # as the unit's RuntimeDirectory and its like
+    install -d -o umbrage -g umbrage -m 0700 /var/lib/umbrage-jobs /var/cache/umbrage
     setpriv --reuid umbrage --regid umbrage --clear-groups umbraged --config /etc/umbraged/umbraged.conf \
         --listen unix:/run/umbrage/socket --cache /var/cache/umbrage --jobs /var/lib/umbrage-jobs \
         --job-sandbox available --drain-delay 0 >/var/log/umbraged.test 2>&1 &
     daemon=$!
     export UMBRAGE_ADDRESS=unix:/run/umbrage/socket
-    for i in $(seq 100); do
+    for i in $(seq 600); do
         umbrage list >/dev/null 2>&1 && return
         sleep 0.1
     done
@@ -89,7 +90,6 @@ SCRIPT
     cat "$folder/serve"
     cat <<'SCRIPT'
 echo '; changed here' >>/etc/umbraged/umbraged.conf
-install -d -o umbrage -g umbrage -m 0700 /var/lib/umbrage-jobs /var/cache/umbrage
 install -o umbrage -g umbrage -m 0644 wall.umb /var/lib/umbrage/wall.umb
 start
 umbrage submit /usr/share/doc/umbrage/docs/examples/wall.obj --up z --sun 180,45 --resolution 256 --wait --quiet
@@ -139,6 +139,7 @@ for place in before debs before; do
     } | in_root bare
     same "the packages of $place are installed over the others" 0 $?
     grep -E '^[0-9]+\.' "$folder/bare.log" | tail -n 1
+    check "the daemon tells of them" test -s "$folder/bare/told.now"
     same "store, jobs and configuration are the same" "$(cat "$folder/bare/told.first")" "$(cat "$folder/bare/told.now")"
 done
 check "the job of before the purge is told too" grep -q done "$folder/bare/told.now"
