@@ -28,15 +28,16 @@ else
     left_out "another time" "faketime is not installed"
 fi
 
-# release PLACE UMASK JOBS WORD...: clones the last commit to PLACE and makes a release, in an environment of WORDs.
+# release PLACE UMASK JOBS WORD...: clones the commit to PLACE and makes a release, in an environment of WORDs.
 release() {
     place=$1 mask=$2 jobs=$3
     shift 3
-    git clone -q --no-hardlinks "$root" "$place" && mkdir -p "$place.home" &&
+    git clone -q --no-hardlinks "$root" "$place" && git -C "$place" reset -q --hard "$commit" && mkdir -p "$place.home" &&
         (umask "$mask" && cd "$place" && env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME="$place.home" \
             DEB_BUILD_OPTIONS="parallel=$jobs" "$@" make -j"$jobs" release) >"$place.log" 2>&1
 }
 
+commit=$(git rev-parse HEAD)
 begin=$(date +%s)
 release "$work/one" 022 2 LC_ALL=C TZ=UTC
 same "a release is built" 0 $?
