@@ -9,7 +9,7 @@
 #include "tool/output.h"
 #include "cli_query_options.h"
 
-/* Sums and settings of a whole query. */
+/* Settings and sums over all batches of a query. */
 struct umbc_query_total {
     struct umb_query_stats stats;
     uint8_t asset_id[UMB_ID_BYTES];
@@ -25,7 +25,7 @@ struct umbc_query_total {
     double expected_ns;       /* nanoseconds a point by calibration for a budget; else 0 */
 };
 
-/* CPU time in nanoseconds of one point and light; 0 without points. */
+/* Returns the CPU time in nanoseconds for one point and one light; 0 without points. */
 double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {

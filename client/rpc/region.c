@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * See umbrage/region.h. An update goes in rounds. The held pages show which missing pages matter. A
- * round requests as many of these as its limit allows. Pages are proven as they arrive and laid out
- * together. Rounds grow with the pages held, so that layout stays a small part of the time.
+ * round requests as many of these as its limit of bytes allows. Each page is verified when it
+ * arrives, and all pages of a round are laid out together. Rounds grow with the pages held, so that
+ * layout stays a small part of the time.
  */
 #include "net/openssl_sha256.h" /* before any other header of OpenSSL */
 #include "umbrage/region.h"
@@ -357,7 +358,7 @@ static uint64_t round_bytes(const struct umb_region *region,
     return bytes;
 }
 
-/* Checks that a saved region continues with the source's asset. */
+/* Checks that the source has the asset of the region that was saved. */
 static enum umb_status check_source(struct umb_region *region, struct umb_error *error)
 {
     struct front front = {0};

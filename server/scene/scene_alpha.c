@@ -189,8 +189,9 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
 }
 
 /*
- * Texture coordinates of sample number `place` within a triangle. One sequence runs on from
- * triangle to triangle: a fixed grid would meet a repeating texture at the same phase each time.
+ * Computes the texture coordinates of sample number `place` within a triangle. One sequence runs on
+ * from triangle to triangle: a fixed grid would meet a repeating texture at the same phase each
+ * time.
  * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
  * the powers of 1 / g, g * g * g = g + 1.
  */
@@ -334,7 +335,7 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     return note(f, at, tag, error);
 }
 
-/* Texture coordinates of triangle i of a mesh, in the order of umbs_scene_flatten. */
+/* Gets the texture coordinates of triangle i of a mesh, in the order of umbs_scene_flatten. */
 static void triangle_uv(const struct umbs_scene_view *view, const struct umbs_mesh *mesh,
                         uint32_t i, int mirror, float uv[3][2])
 {
@@ -447,7 +448,7 @@ static void add_texels(const struct umbs_scene_view *view, const struct umbs_mes
     }
 }
 
-/* 1 if a material may be sharp: BLEND, with a texture, and without a transmission. */
+/* Returns 1 if a material may be sharp: BLEND, with a texture, and without a transmission. */
 static int can_be_sharp(const struct umbs_scene_view *view, uint32_t number)
 {
     return number != UMBS_NO_INDEX && view->materials[number].alpha_mode == UMBS_ALPHA_BLEND &&

@@ -12,7 +12,7 @@
 #include "umbrage/file.h"
 #include "umbrage/workers.h"
 
-/* One row of an accuracy curve (umbrage/curve.h): sums over the points that the bake queried. */
+/* One row of an accuracy curve (umbrage/curve.h), as sums over the points that the bake queried. */
 struct umb__curve_record {
     uint32_t light;
     uint32_t level, taps; /* Setting of the row; level is 0 or taps is 1 */
@@ -69,8 +69,8 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
                             struct umb__perspective *perspective);
 
 /*
- * Computes the length of a content's canonical block from the content's counts and texts. It reads
- * no array.
+ * Computes the length that a content's canonical block will have, from the content's counts and
+ * texts alone.
  */
 UMB_CHECKED enum umb_status umb__content_head_bytes(const struct umb__content *content,
                                                     uint64_t *bytes, struct umb_error *error);
@@ -110,12 +110,13 @@ struct umb__pack_job {
 
 /* Figures about the pages of a packed file. */
 struct umb__pack_figures {
-    /* Estimated bytes of the lowest band with copies, over those without. At least 1; the file has
-     * copies up to UMB__COPIES_MAX. Beyond that the number may be too small. */
+    /* Ratio of the estimated bytes of the lowest band with copies of nodes to those without; at
+     * least 1. The file has copies if the ratio is at most UMB__COPIES_MAX. A ratio above that may
+     * be too small. */
     double copies;
 };
 
-/* Largest bytes of the lowest band with copies, in fifths of the bytes of the band's nodes without
+/* Limit of the bytes of the lowest band with copies of nodes, in fifths of the band's bytes without
  * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
  * save references, which take many bytes. */
 #define UMB__COPIES_MAX_FIFTHS 12U

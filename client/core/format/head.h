@@ -16,8 +16,8 @@ struct umb__head {
     uint32_t page_count;       /* Number of pages of a packed file, else 0 */
     uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
                                   none */
-    const uint8_t *entries[2]; /* Entries of the pages: those of the first block, and those of the
-                                  others as one array. NULL from umb__head_parse_front */
+    const uint8_t *entries[2]; /* Entries of pages: one array for the first block, and one for all
+                                  other blocks. NULL after umb__head_parse_front */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];
@@ -35,7 +35,7 @@ UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* Fills in the claims of a file's first 128 bytes; see umb_file_read_head. */
+/* Fills in what a file's first 128 bytes claim; see umb_file_read_head. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
                                               struct umb_file_head *facts, struct umb_error *error);
 

@@ -96,22 +96,23 @@ enum {
 #define UMB__TAG_COLUMNS UMB__TAG('C', 'O', 'L', 'S')
 #define UMB__TAG_PIECES  UMB__TAG('P', 'I', 'E', 'C')
 
-#define UMB__ENTRY_HEAD      16U
-#define UMB__SCENE_SIZE      104U
-#define UMB__LIGHT_SIZE      136U
-#define UMB__SIDE_SIZE       24U /* One vector a light */
-#define UMB__FRUSTUM_SIZE    144U
-#define UMB__COUNTS_SIZE     152U /* Counts of levels 3..20, then bytes_2014 */
-#define UMB__ROOT_SIZE       16U
-#define UMB__CURVE_SIZE      40U
-#define UMB__CURVE_READS_MAX 1024U /* Nodes or lines of a window: more than 17 texels can touch */
+#define UMB__ENTRY_HEAD   16U
+#define UMB__SCENE_SIZE   104U
+#define UMB__LIGHT_SIZE   136U
+#define UMB__SIDE_SIZE    24U /* One vector a light */
+#define UMB__FRUSTUM_SIZE 144U
+#define UMB__COUNTS_SIZE  152U /* Counts of levels 3..20, then bytes_2014 */
+#define UMB__ROOT_SIZE    16U
+#define UMB__CURVE_SIZE   40U
+/* Limit of a window's nodes and of its cache lines: more than 17 texels can touch */
+#define UMB__CURVE_READS_MAX 1024U
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
 #define UMB__PAGE_ENCODING 2U         /* Encoding 1 wrote every reference, in whole bytes */
 #define UMB__PAGE_RAW_MAX  (1U << 20) /* Bytes of the longest page, uncompressed */
-/* Estimated bytes at which the writer closes a page: few, since a thin client needs only some
- * nodes of each page (docs/results/paging.md has the effects of other sizes). */
+/* Estimated bytes at which the writer closes a page. The number is small, since a thin client needs
+ * only some nodes of each page (docs/results/paging.md has the effects of other sizes). */
 #define UMB__PAGE_RAW_TARGET (8U << 10)
 #define UMB__CANONICAL_MAX   (64U << 20)
 #define UMB__INFO_MAX        (1U << 20)

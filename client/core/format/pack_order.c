@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The order of a packed file's nodes: its bands and their roots. pack_walk.c has the walk below the
- * roots.
+ * The order of a packed file's nodes: its bands and their roots. pack_order.h explains bands and
+ * copies; pack_walk.c has the walk below the roots.
  *
  * A sample of the lowest band's roots decides whether copies are worth their bytes there. Each run
  * of neighbouring roots is measured by itself, so helpers share the runs, each on a walk of its
@@ -87,7 +87,7 @@ static uint64_t own_bytes_of(const struct umb__pack_survey *survey)
     return bytes;
 }
 
-/* Returns the most bytes that `asked` sampled roots, at most 2^15, may take with copies. */
+/* Returns the limit of bytes that `asked` sampled roots (at most 2^15) may take with copies. */
 static uint64_t bytes_most(const struct umb__pack_survey *survey,
                            const struct umb__node_list *roots, uint64_t asked)
 {
@@ -97,8 +97,9 @@ static uint64_t bytes_most(const struct umb__pack_survey *survey,
                : UMB__COPIES_MAX_FIFTHS * own_bytes_of(survey) * asked / (5 * roots->count);
 }
 
-/* Returns the share of `bytes`, those of `asked` roots with copies, to the most that they may take,
- * as a multiple of the bytes without copies. */
+/* Returns the bytes with copies as a multiple of the bytes without. In: bytes: taken by the sampled
+ * roots with copies. most: their limit (bytes_most), which is UMB__COPIES_MAX times the bytes
+ * without copies. */
 static double copies_of(uint64_t bytes, uint64_t most)
 {
     const double ratio = most > 0 ? (double)bytes / (double)most * UMB__COPIES_MAX : 1.0;
@@ -140,7 +141,7 @@ static void visit_run(const struct sample *s, struct sampler *sampler, size_t ru
         sampler->status == UMB_OK ? umb__pack_close_page(&sampler->walk) : sampler->status;
 }
 
-/* Visits a sampler's runs of a round. */
+/* Visits the runs that one sampler has in a round. */
 static void run_job(void *user, uint32_t job, unsigned worker)
 {
     const struct sample *s = user;
@@ -187,7 +188,8 @@ static bool has_roots_below(const struct umb__octree *octree, uint32_t level)
 
 /*
  * Visits some runs of the lowest band's roots with copies. Compares the estimated bytes of their
- * pages with their share of all nodes, each taken once. The result is the same for any workers.
+ * pages with their share of the band's bytes without copies. The result is the same for any
+ * workers.
  *
  * In:    walk: at the beginning of the lowest band; only read. workers: or NULL.
  * Fails: E_NO_MEMORY.
@@ -197,7 +199,8 @@ static enum umb_status sample_copies(const struct umb__pack_walk *walk,
                                      const struct umb_workers *workers, bool *worth)
 {
     const struct umb_alloc *alloc = walk->order->alloc;
-    /* Without roots of frusta in the band, no root of the band is below or equal to another. */
+    /* Without roots of frusta in the band, no root of the band is another root, or lies below
+     * one. */
     workers = has_roots_below(walk->octree, UMB__LOWEST_END) ? NULL : workers;
     const unsigned helpers = workers ? workers->count : 1;
     const unsigned count = helpers < SAMPLERS_MOST ? helpers : SAMPLERS_MOST;
@@ -320,7 +323,8 @@ static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
     return visit_band(t, &o->roots);
 }
 
-/* Collects the band's roots: those of frusta, and the nodes that the band above led to. */
+/* Collects the band's roots: the roots of frusta, and the nodes to which the band above
+ * referred. */
 static enum umb_status find_roots(struct umb__pack_walk *t, uint32_t band_high,
                                   struct umb__node_list *roots)
 {
@@ -355,7 +359,7 @@ static enum umb_status visit_bands(struct umb__pack_ordering *o, const struct um
     return UMB_OK;
 }
 
-/* Records, for each level, the pages of every 16th ordinal and of the last one. */
+/* Records for each level the page of every 16th ordinal, and of the last one. */
 static enum umb_status make_hints(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;

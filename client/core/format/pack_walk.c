@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The survey and the walk; see pack_walk.h. Children of surveyed nodes are reached, so one pass a
- * level is enough. The walk is depth first, with an explicit stack. Most of its work is to find
- * that a child was visited before. The state of each node takes two bits, which fit the cache
- * better than ordinals do.
+ * The survey and the walk; see pack_walk.h. The survey goes from the top level down, so it knows
+ * which nodes are reached before it comes to their level, and one pass over each level is enough.
+ * The walk is depth first, with an explicit stack. Most of its work is to find that a child was
+ * visited before. The state of each node takes two bits, which fit the cache better than ordinals
+ * do.
  */
 #include "format/pack_walk.h"
 
@@ -199,7 +200,7 @@ static void set_state(struct umb__pack_walk *t, struct umb__node_ref node, enum 
     *word = (*word & ~((uint64_t)3 << shift)) | (uint64_t)state << shift;
 }
 
-/* Closes the open page in all counts: the next page begins at the next ordinals. */
+/* Closes the open page: the next page begins at the ordinals that follow. */
 static enum umb_status add_page(struct umb__pack_walk *t)
 {
     struct umb__pack_order *order = t->order;
@@ -337,7 +338,7 @@ static enum umb_status place_bricks(struct umb__pack_walk *t, const uint32_t *br
     return UMB_OK;
 }
 
-/* Handles the children that do not go on the stack: bricks, and roots of the next band. */
+/* Handles the children that are not put on the stack: bricks, and roots of the next band. */
 static enum umb_status follow(struct umb__pack_walk *t, struct umb__node_ref node)
 {
     const struct umb__octree_level *level = &t->octree->level[node.level];

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_PACK_WALK_H
 #define UMBRAGE_CORE_FORMAT_PACK_WALK_H
 /*
- * What the order of a packed file (pack_order.h) is made with.
+ * The two passes over an octree from which the order of a packed file (pack_order.h) is made.
  *
  * A survey finds the nodes that the roots reach, checks these nodes, and estimates their bytes in
  * the file. It goes level by level from the top and reads each array once from end to end. That is
@@ -72,7 +72,8 @@ UMB_CHECKED enum umb_status umb__pack_visit_root(struct umb__pack_walk *walk,
 /* Ends the open page, if it holds anything. Fails: as umb__pack_visit_root. */
 UMB_CHECKED enum umb_status umb__pack_close_page(struct umb__pack_walk *walk);
 
-/* Undoes all visits of levels below `end` since the order had `page_count` pages. */
+/* Undoes all visits to nodes of levels below `end` that were made since the order had `page_count`
+ * pages. */
 void umb__pack_rewind(struct umb__pack_walk *walk, uint32_t page_count, uint32_t end);
 
 /* Makes room for the first ordinals of `needed` pages. Returns false if out of memory. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Writes a packed asset: makes the pages first, then writes the head and the pages. Helper threads
- * share the pages, each of which is a job of its own. Only one thread at a time makes their order.
+ * share the pages, in jobs of UMB__DIGESTS pages each. Only one thread at a time orders pages.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -28,7 +28,7 @@
 #define TABLE_LOG2_REFERS 9
 #define SHORTEST_MATCH    4
 
-/* Number of pages that a round orders for each worker. */
+/* Number of pages that a round orders for each worker thread. */
 #define STEP_PAGES (2 * UMB__DIGESTS)
 
 /* A block of memory for compressed pages, one behind the other. */

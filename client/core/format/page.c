@@ -23,7 +23,8 @@ static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, ui
     return umb__take(at, end, umb__list_bytes(count, high_bits), 1, &list->bytes);
 }
 
-/* Checks the places of nodes in other pages: ascending, with pages and positions below 2^32. */
+/* Checks the list of a page's references to nodes in other pages: they must be in ascending order,
+ * with page numbers and positions below 2^32. */
 static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint32_t level,
                                     struct umb__page *page, struct umb_error *error)
 {
@@ -51,8 +52,8 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
     return UMB_OK;
 }
 
-/* Finds the masks of a level and counts their mixed children. Out: written: number of children
- * whose references are written. Returns false if a mask is cut off. */
+/* Finds the masks of a level in a page and counts the mixed children. Out: written: number of
+ * children whose references the page holds. Returns false if a mask is cut off. */
 static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
                         struct umb__page *page, uint64_t *written)
 {
@@ -321,9 +322,9 @@ static size_t list_children(struct writer *w, uint32_t node_level)
     return (size_t)(reference - w->e->references);
 }
 
-/* Turns children into positions in an independent page, which holds all of them. The set numbers
- * nodes in the order of their addition, which is their order in the page. Returns false if out of
- * memory. */
+/* Replaces children by their positions in the page, for an independent page, which holds all of
+ * them. The set numbers nodes in the order of their addition, which is their order in the page.
+ * Returns false if out of memory. */
 static bool number_own(struct writer *w, uint32_t node_level, size_t count)
 {
     struct umb__value_set *own = &w->e->own;
@@ -340,7 +341,8 @@ static bool number_own(struct writer *w, uint32_t node_level, size_t count)
     return true;
 }
 
-/* Turns each child into its position in the page or, in another page, its number in the table. */
+/* Replaces each child by its position in the page or, if it is in another page, by its number in
+ * the table. */
 static void number_all(struct writer *w, uint32_t node_level, size_t count)
 {
     const uint32_t *ordinals = w->order->ordinals[node_level - 1];
@@ -358,7 +360,8 @@ static void number_all(struct writer *w, uint32_t node_level, size_t count)
     }
 }
 
-/* Writes the places of the table's nodes, all in other pages: their pages, then their positions. */
+/* Writes the places of the table's nodes, which are all in other pages: first the page numbers,
+ * then the positions. */
 static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *at)
 {
     const struct umb__value_set *table = &w->e->table;

@@ -116,7 +116,8 @@ static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *pag
                                     .own = page->node_count[level - 1]};
 }
 
-/* Returns the lower bit of each child that is the next node. In: mask: as stored in a page. */
+/* Returns which children in a mask are "the next node" (see the file's first comment): for each of
+ * them the lower of the child's two bits. In: mask: as stored in a page. */
 static inline unsigned umb__page_mask_next(unsigned mask)
 {
     return mask & mask >> 1 & 0x5555U;
@@ -184,7 +185,8 @@ struct umb__page_encoder {
     size_t positions_capacity;
     uint8_t *runs; /* Runs of the bricks */
     size_t runs_capacity;
-    struct umb__value_set table; /* Values: a level's nodes in other pages, or leaves */
+    struct umb__value_set table; /* Set of values: the nodes in other pages that a level refers to,
+                                    or the leaves */
     struct umb__value_set own;   /* The page's nodes of a level, by their number in the octree */
 };
 

@@ -21,9 +21,9 @@ static enum umb_status no_memory(struct umb_error *error)
 
 uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
 {
-    /* The wanted page is the last one whose first node of the level is not behind the node. A page
-     * without nodes of the level has the same first number as the next page, and stands before that
-     * page. */
+    /* The page with the node is the last page whose first node of the level does not come after the
+     * node. A page without nodes of the level has the same first number as the next page, and
+     * stands before that page. */
     uint32_t low = 0, high = p->order_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;
@@ -86,8 +86,8 @@ static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
 struct filling {
     struct umb_partial *p;
     uint8_t *raw; /* Room for the longest page, uncompressed */
-    /* Numbers in the graph of the nodes of other pages to which a page's level refers; UMB__ABSENT
-     * | page if that page is missing */
+    /* For the nodes in other pages to which one level of a page refers: their numbers in the graph,
+     * or UMB__ABSENT | page if that page is missing */
     uint32_t *others;
     uint64_t *leaves; /* Leaves of a page */
     size_t others_capacity, leaves_capacity;
@@ -222,8 +222,8 @@ static enum umb_status build_graph(struct umb_partial *p, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Makes one level of an octree from the graph's level; absent children get `state`. Returns false
- * if out of memory. */
+/* Makes one level of an octree from the graph's level; children in missing pages become uniform
+ * with the given `state`. Returns false if out of memory. */
 static bool settle_level(struct umb_partial *p, const struct umb__octree_level *from,
                          enum umb__node_state state, struct umb__octree_level *to)
 {
@@ -255,8 +255,9 @@ static bool settle_level(struct umb_partial *p, const struct umb__octree_level *
     return true;
 }
 
-/* Makes the mapped layout of the graph, with `state` in place of absent children. In: bricks: the
- * layout takes them over; NULL for a layout that will share the other's bricks. */
+/* Makes the mapped layout of the graph, in which children in missing pages are uniform with the
+ * given `state`. In: bricks: the layout takes them over; NULL for a layout that will share the
+ * other's bricks. */
 static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state,
                                uint64_t (*bricks)[8], struct umb__mapped *mapped,
                                struct umb_error *error)

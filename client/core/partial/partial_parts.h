@@ -12,11 +12,11 @@
 /* Flag of a graph's child that is in a missing page; the other bits are the page's number. */
 #define UMB__ABSENT 0x80000000U
 
-/* Facts about a page's nodes, level by level. */
+/* What is known about a page's nodes, level by level. */
 struct umb__links {
     uint32_t count[UMB__LEVELS];  /* Number of nodes in the page, if the page is held */
-    uint32_t first[UMB__LEVELS];  /* Number in the graph of the page's first node, if the page was
-                                     held at the last build */
+    uint32_t first[UMB__LEVELS];  /* Number in the graph of the page's first node of each level, if
+                                     the page was held at the last build */
     uint32_t needed[UMB__LEVELS]; /* Number of nodes that references require: one more than the
                                      highest position that a reference names */
 };
@@ -85,7 +85,8 @@ uint64_t umb__partial_nodes(const struct umb_partial *p);
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
     uint32_t level; /* Level of the largest missing cube; 0: none is missing */
-    /* Lit share of the node above the largest missing cube; mixed and absent children count half */
+    /* Lit share of the node above the largest missing cube; mixed and missing children count one
+     * half */
     double occupancy;
 };
 

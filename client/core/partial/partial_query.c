@@ -29,8 +29,8 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Looks up the window of point i in the graph. Out: error_m: as error_m of struct
- * umb_partial_answers. */
+/* Looks up the window of point i in the graph. Out: error_m: the value for the member error_m of
+ * struct umb_partial_answers. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
     static const struct umb_partial_view no_view;

@@ -148,7 +148,7 @@ void umb__space_init(struct umb__space *s, const struct umb__content *content, u
         for (unsigned i = 0; i < 3; i++) {
             s->base[i] = light->position[i] - content->origin[i];
         }
-        /* The frustum was proven sound when the file was opened. */
+        /* Opening the file proved that the frustum can be inverted. */
         (void)umb__perspective_derive(f, &s->perspective);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
@@ -268,7 +268,8 @@ struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
     cube.benefit = cube.edge_m * cube.edge_m;
     if (view->has_camera && !cube.out) {
         see_camera(sight, low, high, &cube);
-        const double near = 16 * longest; /* Distance below which no cube is more urgent */
+        /* Distance in metres below which a cube is no more urgent */
+        const double near = 16 * longest;
         cube.benefit /= cube.distance_m * cube.distance_m + near * near;
     }
     return cube;

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Finds the pages that matter. A walk follows the view through the graph from the roots, cube by
- * cube. An absent child gives its page the cube's benefit. So does every node on the way, so that a
- * page is never worth less than a page below it. A node of which a whole cube was visited is not
- * walked again for a smaller benefit, since everything below the node was found.
+ * Finds the pages that matter. A walk goes through the graph (partial_build.c) from the roots,
+ * along the cubes that matter to the view. When it meets a child in a missing page, that page gets
+ * the cube's benefit. The pages of all nodes on the way get theirs too, so that a page is never
+ * worth less than a page below it. Once a walk has visited the whole cube of a node, the node is
+ * not walked again for a smaller benefit, since everything below it was found.
  *
  * The graph shares nodes, so its unfolded tree may be larger by any factor. Therefore the walk
  * counts the cubes that it visits. Assets of scenes take up to 11 cubes for each node held. At
  * STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the graph, from
- * the top down and each node once, wants everything below the marked nodes. The result may have too
- * many pages, never too few.
+ * the top down and each node once, gives a benefit to everything below the marked nodes. The result
+ * may have too many pages, never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -40,7 +41,8 @@ enum {
     STEPS_MIN = 1024,
 };
 
-/* Benefit of everything below a root that the walk does not reach; any positive value would do. */
+/* Benefit of everything below a root to which the walk does not come; any positive value would
+ * do. */
 #define ROOT_BENEFIT 1.0
 
 static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
@@ -57,8 +59,8 @@ static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
                          cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
 }
 
-/* Marks a node so that everything below it is wanted, unless it is already marked with this benefit
- * or a greater one. The benefit of a marked node is negated in `seen`. */
+/* Marks a node so that everything below it gets a benefit, unless it is already marked with this
+ * benefit or a greater one. The benefit of a marked node is negated in `seen`. */
 static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double benefit)
 {
     float *seen = &p->seen[level][node];
@@ -67,7 +69,7 @@ static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double be
     }
 }
 
-/* Wants a child and all below it without a visit. */
+/* Gives a benefit to a child, and to all below it without a visit. */
 static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
 {
     if ((child & UMB__ABSENT) || level == UMB_LEVEL_BRICK) {
@@ -98,7 +100,7 @@ static void want_marked(struct umb_partial *p)
     }
 }
 
-/* Visits a cube and, if the view needs more than the cube shows, its children. Recursion ends at
+/* Visits a cube and, if the view needs finer cells than this cube, its children. Recursion ends at
  * bricks, since levels descend. In: above: benefit of the cube's parent. */
 static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {
@@ -117,9 +119,9 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
     }
     const bool absent = (cube->child & UMB__ABSENT) != 0;
     if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
-        /* An earlier walk from another cube of this node found everything below the node. With
-         * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
-         * more than four times as great is worth a second walk. */
+        /* An earlier visit, to another cube that has the same node, found everything below the
+         * node. With max_error_rad a cube that appears larger may need finer cells. Without it,
+         * only a benefit more than four times as great is worth a second walk. */
         float *best = &p->seen[cube->level][cube->child];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {
@@ -280,7 +282,7 @@ static double occupancy_of(uint16_t mask)
     return (lit + 0.5 * umb__mask_mixed_count(mask)) / 8.0;
 }
 
-/* In: above: occupancy of the cube's parent node. */
+/* In: above: lit share of the cube's parent node. */
 static void look_cube(struct look *l, const struct cube *cube, double above)
 {
     const uint32_t at[3] = {cube->x, cube->y, cube->z}, last = (1U << cube->level) - 1;

@@ -183,7 +183,8 @@ static inline void cell_draw_meeting(const struct umbb_cells *cells,
     reciprocals_lit(&cells->rays, &most, texels);
 }
 
-/* Draws the parts of a layer's cell as lit: the background where there is none. */
+/* Draws the parts of a layer's cell and converts them to lit. Texels without a part get the
+ * background. */
 static inline void layer_draw(const struct umbb_cells *cells, const struct umbb_cell_layer *layer,
                               size_t cell, const struct place *place, struct texels *texels)
 {

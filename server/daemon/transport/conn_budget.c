@@ -9,10 +9,10 @@
  * Without a token file every caller has rights, so the limits apply to single addresses. Every
  * connection keeps a stranger's allowance. The allowances of all connections fit into the last
  * quarter of --max-buffer, so small calls are always answered. Large calls share the first three
- * quarters: there an address may hold three times what it leaves free.
+ * quarters: there one address may hold up to three times as many bytes as are still free.
  *
  * Invariants: the strangers of a loop are in its list, oldest first. Their `buffered` add up to the
- * server's stranger_buffered. A connection's allowance is a stranger's allowance and `taken`, or
+ * server's stranger_buffered. A connection's allowance is a stranger's allowance plus `taken`, or
  * SIZE_MAX. An account's `granted` is the sum of its connections' `taken`.
  */
 #include "daemon/transport/conn.h"
@@ -21,8 +21,8 @@
 #define GRANT_BYTES  ((size_t)64 << 10) /* granted to a connection at once */
 #define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by a connection when its calls end */
 
-/* Range of the bytes that a stranger may hold; the value is a connection's part of the strangers'
- * share. */
+/* Largest and least number of bytes that a stranger may hold. Between them it may hold its part of
+ * the strangers' share, which is divided by --max-connections. */
 #define STRANGER_BYTES     65536
 #define STRANGER_BYTES_LOW 16384 /* a Watch and the call that shows a right fit */
 

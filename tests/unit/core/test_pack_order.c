@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The order of a packed file against docs/reference/umb-format.md, section 5, followed word by
- * word: nodes visited by recursion, what stands where in plain arrays.
+ * Compares the order of a packed file with docs/reference/umb-format.md, section 5, followed word
+ * by word: nodes are visited by recursion, and plain arrays hold their places.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -119,7 +119,8 @@ static void slow_rewind(struct slow *s, size_t count, uint32_t pages)
     }
 }
 
-/* Whether copies are worth it: sampled runs against their share of the nodes written once. */
+/* Decides whether copies are worth their bytes, from sampled runs and their share of the nodes
+ * written once. */
 static int slow_decide(struct slow *s, const struct umb__node_ref *roots, size_t count)
 {
     const size_t first = s->count, k = 1 + count / 16384;
@@ -148,7 +149,7 @@ static int slow_decide(struct slow *s, const struct umb__node_ref *roots, size_t
     return 5 * copied * count <= 12 * own * sampled;
 }
 
-/* In: octree: one root, of level 13. Returns whether the lowest band has copies. */
+/* In: octree: one root, of level 13. Returns whether nodes of the lowest band are copied. */
 static int slow_order(struct slow *s)
 {
     static const uint32_t lows[] = {13, 8, 3};
@@ -174,9 +175,9 @@ static int slow_order(struct slow *s)
     return s->copies;
 }
 
-/* A tree of random nodes. In: near: children lie where their parent does in its level, and so are
- * shared by neighbours; else anywhere. Of 20000 trees a sample is asked: all of them are reached.
- */
+/* A tree of random nodes. In: near: true: a child's place in its level is about that of its parent,
+ * so that neighbours share children; false: any place. Copies in 20000 trees are decided by a
+ * sample, and all trees are reached. */
 static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb__octree *octree)
 {
     uint32_t counts[LEVELS] = {0, 0, 0, trees, trees, trees, trees, trees};
@@ -210,7 +211,7 @@ static void random_octree(uint64_t seed, uint32_t trees, int near, struct umb__o
     assert_int_equal(octree->roots[0].state, UMB__NODE_MIXED);
 }
 
-/* Page by page and level by level, and that nodes are found where they stand. */
+/* Compares page by page and level by level; each node must be found where it stands. */
 static void compare_pages(const struct slow *s, const struct umb__pack_order *order)
 {
     uint32_t next[LEVELS] = {0};
@@ -247,8 +248,7 @@ static void run_backwards(void *user, void (*job)(void *, uint32_t, unsigned), v
     }
 }
 
-/* Orders it in steps of three pages, in which nothing may move. Returns how many steps there were.
- */
+/* Orders in steps of three pages, in which no memory may move. Returns the number of steps. */
 static int order_in_steps(const struct umb__octree *octree, const struct umb_workers *workers,
                           struct umb__pack_order *order)
 {
@@ -299,7 +299,8 @@ static int compare_orders(const struct umb__octree *octree, const struct umb_wor
 
 static void orders_are_those_of_the_format_page(void **state)
 {
-    /* Trees: so many that all are asked whether copies are worth it, and that some are. */
+    /* Numbers of trees: with few of them all trees decide whether copies are worth it, with many a
+     * sample does. */
     static const uint32_t trees[] = {50, 3000, 15000, 20000};
     const struct umb_workers three = {3, run_backwards, NULL};
     int worth[2] = {0}, steps = 0;

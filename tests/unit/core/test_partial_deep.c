@@ -29,8 +29,8 @@ static const struct umb_partial_view views[] = {
      .max_error_rad = 1e-5},
 };
 
-/* Wants a view, and adds what is missing, until nothing is. Returns true if a walk met its bound.
- */
+/* Wants a view, and adds missing pages, until none is missing. Returns true if a walk met its
+ * bound. */
 static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_partial_view *view)
 {
     struct umb_error error = {0};
@@ -58,7 +58,8 @@ static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_p
     }
 }
 
-/* Points of the view's box are answered exactly: a bound leaves no page of theirs out. */
+/* Points of the view's box must be answered exactly: the bound must not leave out a page that they
+ * need. */
 static void expect_exact(struct partial_fixture *f, const struct umb_box *box)
 {
     enum {
@@ -98,8 +99,8 @@ static bool try_deep(const struct deep *deep, bool with_pages)
     return met;
 }
 
-/* One node a level, all of whose children are the same: each level more takes eight times as long
- * to walk cube by cube. */
+/* One node a level, whose children are all the same node: each further level multiplies the cubes
+ * of a walk by eight. */
 static void a_chain_of_eight_equal_children_is_walked_in_bounded_steps(void **state)
 {
     (void)state;
@@ -122,7 +123,8 @@ static void diamonds_are_walked_in_bounded_steps_and_miss_nothing(void **state)
     }
 }
 
-/* What a scene's assets take stays far below the bound, so that views of them are cut sharply. */
+/* Walks through assets of real scenes stay far below the bound, so that their pages are chosen
+ * exactly. */
 static void a_view_of_a_tree_that_is_one_meets_no_bound(void **state)
 {
     (void)state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Partial assets of a spot light, whose cubes grow with their distance: what bounds say of them. */
+/* Partial assets of a spot light, whose cubes grow with the distance from the light: the bounds of
+ * their answers. */
 #include "partial_fixture.h"
 
 enum {
@@ -54,7 +55,7 @@ static struct bytes spot_file(void)
     return file;
 }
 
-/* The longest edge of the cube of a level at depth z, from the frustum's shape alone. */
+/* Computes the longest edge of the cube of a level at depth z, from the frustum's shape alone. */
 static double edge_of(uint32_t level, double z)
 {
     const double count = (double)(1U << level), end = (floor(z / count) + 1) * count;
