@@ -105,7 +105,8 @@ void umbs_store_close(struct umbs_store *store);
 
 /*
  * Scans the folders: loads new and changed files, drops missing ones, and removes old temporaries.
- * Files that open at once are published together first; slow ones are published one by one.
+ * Files that need no reading are published together first. Files that must be read follow in
+ * groups.
  *
  * Out:   report: filled also on failure; may be NULL.
  * Fails: E_IO or E_NO_INPUT if the folder cannot be read (the old table stays), E_NO_MEMORY. A bad

@@ -22,7 +22,7 @@
 #error "fields are copied between records and structs, and the file is little-endian"
 #endif
 
-/* A field of a record; the bytes in the file and in memory are the same. */
+/* A field of a record. Its bytes are the same in the file and in memory. */
 struct field {
     uint32_t at;     /* Offset in bytes in the record */
     uint32_t bytes;  /* Number of bytes; 0 ends a list */
@@ -106,7 +106,7 @@ static const struct row {
     uint32_t record;            /* Bytes of a record in the file */
     const struct field *fields; /* NULL: records are the same in memory */
     size_t array;               /* Offset of the pointer to the records in memory */
-    size_t item;                /* Bytes of such a record; 0: struct umb__canonical is the record */
+    size_t item;                /* Bytes of a record in memory; 0: it is struct umb__canonical */
 } rows[ENTRY_COUNT] = {
     {UMB__TAG_SCENE, UMB__MUST_UNDERSTAND, false, UMB__SCENE_SIZE, scene_fields, 0, 0},
     {UMB__TAG_LIGHTS, UMB__MUST_UNDERSTAND, false, UMB__LIGHT_SIZE, light_fields,
@@ -259,9 +259,9 @@ static uint8_t *items_of(const struct umb__canonical *canonical, const struct ro
     return items;
 }
 
-/* Copies an entry into memory: into a new array, into the array of lights (for their sides), or
- * into `canonical` itself. Bytes without fields may be a text, so a NUL is added behind them.
- * Returns false if out of memory. */
+/* Copies an entry into memory: into a new array, or into `canonical` itself if it has one record.
+ * The entry of sides goes into the lights that are already there. An entry without a list of fields
+ * may be a text, so a NUL is added behind its bytes. Returns false if out of memory. */
 static bool load(const struct entries *entries, enum entry entry, const struct umb_alloc *alloc,
                  struct umb__canonical *canonical)
 {

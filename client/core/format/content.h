@@ -116,9 +116,9 @@ struct umb__pack_figures {
     double copies;
 };
 
-/* Limit of the bytes of the lowest band with copies of nodes, in fifths of the band's bytes without
- * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
- * save references, which take many bytes. */
+/* Most bytes that the lowest band may take with copies of nodes, in fifths of its bytes without
+ * copies. At this limit the file grows by about a quarter only, because a copied node needs no
+ * reference to another page, and references take many bytes. */
 #define UMB__COPIES_MAX_FIFTHS 12U
 #define UMB__COPIES_MAX        ((double)UMB__COPIES_MAX_FIFTHS / 5.0)
 

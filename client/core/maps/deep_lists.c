@@ -429,7 +429,8 @@ static double window_sum(const struct umb__deep *deep, const struct window *w, d
                  : rows_sum(deep, w, depth, 0, sizeof(struct umb__deep_node), 0);
 }
 
-/* Returns the bits of float_from. Floats from 0 on are ordered as their bits are. */
+/* Returns the bits of float_from(depth); 0 if depth is not above 0. Floats from 0 on have the order
+ * of their bits. */
 static uint32_t bits_from(double depth)
 {
     uint32_t bits = 0;

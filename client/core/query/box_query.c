@@ -49,7 +49,7 @@ struct count {
     bool given_up;                     /* True: the current box is left */
 };
 
-#define CUT_STEPS 64 /* Number of steps that count for a brick whose voxels are tested one by one */
+#define CUT_STEPS 64 /* Number of steps charged for a brick whose voxels are tested one by one */
 
 /* Adds steps to the box, and calls the watch when it is due. Returns false if the box is given
  * up. */
@@ -85,7 +85,7 @@ static inline double centre(const struct count *count, unsigned axis, const int3
     return w + count->origin[axis];
 }
 
-/* Returns a function that is linear in texels, at the middle of texel (x, y). */
+/* Returns the value of a linear function constant + a x + b y at the centre of texel (x, y). */
 static inline double linear(double constant, double a, double b, int32_t x, int32_t y)
 {
     return (constant + ((double)x + 0.5) * a) + ((double)y + 0.5) * b;

@@ -42,8 +42,9 @@ struct umb__child_bytes {
     _Alignas(64) uint8_t of[UMB__SAMPLES];
 };
 
-/* Computes the voxels of the samples of receiver `lane`. Returns the samples inside the frustum. A
- * sample behind the last voxel in z counts as in it. */
+/* Computes the voxels of the samples of receiver `lane`: half of them in its narrow square, half in
+ * its wide one. Returns the samples inside the frustum. A sample behind the last voxel in z counts
+ * as in it. */
 static inline uint64_t umb__place_samples(const struct umb__receivers *r, uint32_t lane,
                                           uint32_t log2_size, struct umb__samples *samples)
 {

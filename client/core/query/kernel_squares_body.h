@@ -45,8 +45,8 @@ struct sample_groups {
 struct square_block {
     const struct umb__query *query;
     uint32_t count;
-    uint32_t level;          /* Level of the cubes in which the descent begins ... */
-    bool pieces;             /* ... which are pieces of columns; false: cells of the grid */
+    uint32_t level;          /* Level of the cubes at which descents begin, the first cubes */
+    bool pieces;             /* True: these are pieces of columns; false: cells of the grid */
     uint8_t lane[TOGETHER];  /* Receivers of the points */
     uint64_t todo[TOGETHER]; /* By point: samples that need a look-up */
     uint64_t lit[TOGETHER];  /* By point: lit samples so far */
@@ -56,11 +56,11 @@ struct square_block {
         struct umb__slice_places places[TOGETHER];
     };
     struct sample_groups groups[2];
-    /* Groups some of whose samples are not in new groups yet */
+    /* Open groups: those with samples that no new group has yet */
     uint8_t open_point[GROUPS];
     const uint64_t *open_node[GROUPS];
     uint64_t open[GROUPS];             /* Samples that are left */
-    const uint32_t *child[GROUPS + 1]; /* By new group: the place of its number */
+    const uint32_t *child[GROUPS + 1]; /* By new group: where its number is stored */
 };
 
 /* Prefetches a node or brick of `level`. */
@@ -100,8 +100,8 @@ static const uint32_t *find_cube(const struct square_block *block,
     return q->pieces + umb__piece_of(column, (uint32_t)z >> level);
 }
 
-/* Groups the samples of a point by their first cubes, for a point with wide squares: compares each
- * sample with all others. */
+/* Groups the samples of a point by the cubes at which their descents begin. It compares each sample
+ * with all others, so it serves points of any extent; list_compact is faster. */
 static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_groups *to,
                           uint32_t count)
 {
@@ -125,9 +125,9 @@ static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_
     return count;
 }
 
-/* Groups the samples of the open points by their first cubes, in rounds as group_by_child does. On
- * each axis the lowest two bits of a cube's place tell the cubes of a point apart, since these are
- * at most four. */
+/* Does what list_wide does, for the open points, in rounds as group_by_child does. The samples of
+ * such a point lie within four cubes on each axis, so the lowest two bits of a cube's place on each
+ * axis tell its cubes apart. */
 static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
                              uint32_t count)
 {

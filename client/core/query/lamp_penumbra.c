@@ -56,7 +56,7 @@ struct receiver {
     const struct face *face;
     uint32_t number;      /* Number of the face */
     double x, y, q;       /* Place */
-    double direction[3];  /* From the light through the receiver, where W = 1 */
+    double direction[3];  /* Vector from the light towards the receiver, of W = 1 */
     double slope[2][2];   /* Slopes of the half axes: texels of x and y for each unit of q */
     double shift[2];      /* q W.d of the half axes */
     double inverse[2][2]; /* Inverse of `slope`: half axes for each texel, times q */
@@ -384,7 +384,8 @@ static double share_of(const struct receiver *r, double gap, const double width[
 
 /* --- receivers -------------------------------------------------------------------------------- */
 
-/* Makes the light at least THIN as wide as it is long, and inverts its slopes. */
+/* Computes the inverse of `slope`. If the light looks narrower than THIN times its length, it is
+ * widened to that first, so that the inverse exists. */
 static void set_inverse(struct receiver *r)
 {
     double(*s)[2] = r->slope;

@@ -236,8 +236,8 @@ struct chunk {
     uint32_t lit[CHUNK];
 };
 
-/* Returns the count of a wholly lit answer: the sum of the window's weights, or the two halves of a
- * cell. */
+/* Returns the count that stands for a wholly lit answer: the sum of the window's weights. A coarse
+ * look-up answers 0, 1/2 or 1, so it counts halves. */
 static uint32_t counted_in(const struct umb__query *q)
 {
     return q->level > 0 ? 2 : q->total;
