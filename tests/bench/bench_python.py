@@ -45,7 +45,7 @@ class Peer:
     def round(self):
         self.process.stdin.write("\n")
         self.process.stdin.flush()
-        return float(self.process.stdout.readline())
+        return tuple(float(word) for word in self.process.stdout.readline().split())
 
     def close(self):
         self.process.stdin.close()
@@ -53,23 +53,32 @@ class Peer:
 
 
 def timed(call):
-    begin = time.perf_counter()
+    """Seconds of a call by the clock, and of processors."""
+    begin, busy = time.perf_counter(), time.process_time()
     call()
-    return time.perf_counter() - begin
+    return time.perf_counter() - begin, time.process_time() - busy
 
 
-def race(ours, peer):
-    """Medians of seconds, ours and the peer's, in turns."""
-    ours(), peer.round()
-    pairs = [(timed(ours), peer.round()) for _ in range(ROUNDS)]
-    peer.close()
-    return [statistics.median(column) for column in zip(*pairs)]
+def race(ours, theirs):
+    """Medians of ROUNDS turns: our seconds by the clock and of processors, then theirs."""
+    ours(), theirs()
+    turns = [(*timed(ours), *theirs()) for _ in range(ROUNDS)]
+    return [statistics.median(column) for column in zip(*turns)]
 
 
+def show(row, value, count, scale, times, **more):
+    """Prints a row: `value` and its times, each for one of `count` items, with those by the clock behind."""
+    wall, busy, peer_wall, peer_busy = (round(seconds * 1e9 / count / scale, 2) for seconds in times)
+    print(json.dumps({"row": row, "value": value(times[1], times[3]), "value_by_clock": value(times[0], times[2]),
+                      "python": busy, "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
+
+
+# Values are of processors' time: on a busy machine the clock counts other programs, and threads wait for each other.
 for threads in (1, 2):
-    mine, theirs = race(lambda: asset.query(points, taps=9, threads=threads, out=values), Peer(threads, 65536))
-    print(json.dumps({"row": f"python_vs_c_threads{threads}", "value": round(theirs / mine, 3),
-                      "python_ns": round(mine * 1e9 / len(points), 2), "c_ns": round(theirs * 1e9 / len(points), 2)}))
+    peer = Peer(threads, 65536)
+    times = race(lambda: asset.query(points, taps=9, threads=threads, out=values), peer.round)
+    peer.close()
+    show(f"python_vs_c_threads{threads}", lambda ours, theirs: round(theirs / ours, 3), len(points), 1, times, unit="ns a point")
 
 SMALL, BATCHES = 64, 20000
 few = points[:SMALL * BATCHES]
@@ -82,9 +91,12 @@ def small():
         asset.query(batch, taps=9)
 
 
-mine, theirs = race(small, Peer(1, SMALL, test.path("few.f32")))
-print(json.dumps({"row": "python_call_us", "value": round((mine - theirs) / len(batches) * 1e6, 2),
-                  "python_us": round(mine / len(batches) * 1e6, 2), "c_us": round(theirs / len(batches) * 1e6, 2)}))
+peer = Peer(1, SMALL, test.path("few.f32"))
+times = race(small, peer.round)
+peer.close()
+show("python_call_us", lambda ours, theirs: round((ours - theirs) / len(batches) * 1e6, 2), len(batches), 1000, times,
+     unit="us a batch of 64")
+
 # Rays from every fiftieth point: a Python loop over all of them takes minutes.
 RAYS = 200_000
 some = np.ascontiguousarray(points[:len(points) // RAYS * RAYS].reshape(RAYS, -1, 3)[:, 0]) if len(points) > RAYS else points
@@ -94,8 +106,7 @@ lit = asset.query(some, taps=1)
 for name, ask in (("call", scene.lit_by_call), ("batch", scene.lit_by_batch)):
     same = float((ask(some, towards) == (lit > 0.5)).mean())
     assert same > 0.97, f"{same:.4f} of the answers are the rays'"  # voxels of 0.1 m at edges
-    times = [(timed(lambda: asset.query(some, taps=1)), timed(lambda: ask(some, towards))) for _ in range(ROUNDS)]
-    mine, theirs = (statistics.median(column) for column in zip(*times))
-    print(json.dumps({"row": f"embree_{name}_factor", "value": round(theirs / mine, 1), "same": round(same, 5),
-                      "python_ns": round(mine * 1e9 / len(some), 2), "embree_ns": round(theirs * 1e9 / len(some), 1)}))
+    times = race(lambda: asset.query(some, taps=1), lambda: timed(lambda: ask(some, towards)))
+    show(f"embree_{name}_factor", lambda ours, theirs: round(theirs / ours, 1), len(some), 1, times, unit="ns a point",
+         same=round(same, 5))
 asset.close()
