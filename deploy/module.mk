@@ -95,7 +95,7 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -D -m 0644 deploy/systemd/umbrage.sysusers $(DESTDIR)$(sysusersdir)/umbrage.conf
 	install -D -m 0644 deploy/systemd/umbrage.tmpfiles $(DESTDIR)$(tmpfilesdir)/umbrage.conf
 	install -d $(DESTDIR)$(datadir)
-	install -m 0644 deploy/haproxy/haproxy.cfg deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
+	install -m 0644 deploy/haproxy/haproxy.cfg deploy/nginx/umbrage-assets.conf deploy/caddy/Caddyfile deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
 	install -d $(DESTDIR)$(datadir)/slurm
 	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm

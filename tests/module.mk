@@ -11,6 +11,7 @@ HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
 TEST_LIBS_maps   = $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_web    = $(WEB_LIB) $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(CORE_LIB)
 TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
@@ -26,6 +27,7 @@ TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
+TEST_SYS_web    = $(CORE_LIBS) -lcrypto
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_tool   = $(CORE_LIBS)
@@ -40,7 +42,7 @@ TEST_SYS_bake   = -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc tool cli load common scene store rays study bake jobs daemon
+UNIT_PARTS := core maps web wire rpc tool cli load common scene store rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part
@@ -76,11 +78,11 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
 SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
-system: python $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
+system: python web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
-release-needs: all python $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-needs: all python web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
 release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
