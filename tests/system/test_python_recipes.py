@@ -96,7 +96,7 @@ if HAS_PICTURES:
 if HAS_PICTURES:
     with test.check("plot_study: the settings on the front are those that no other beats"):
         ut.run("umbrage-study", "city.glb", "-o", "study", "--quick", "--max-resolution", "512", "--points", "1000", "--truth",
-               "1")
+               "2")
         said = script("plot_study.py", "study", "study.png").splitlines()
         with open("study/report.json", encoding="utf-8") as file:
             study = json.load(file)
