@@ -188,6 +188,17 @@ picture-table: $(PROGRAMS) $(BUILD)/scenegen ## false light and false shadow of 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/picture_table.py
 .PHONY: bias-table picture-table
 
+# Packages: root and debootstrap; the release is made twice, without a cache of compilers.
+test-deb: deb ## Debian packages in a bare root: first answer, purge, upgrade, downgrade (root, debootstrap)
+	@BUILD=$(BUILD) sh tests/packaging/test_deb.sh
+
+test-wheel: wheel ## the wheel: what it carries, its tag, pip in a bare root
+	@BUILD=$(BUILD) sh tests/packaging/test_wheel.sh
+
+test-reproducible: ## two releases on other paths, times, locales, umasks have the same bits: half an hour
+	@BUILD=$(BUILD) sh tests/packaging/reproducible.sh
+.PHONY: test-deb test-wheel test-reproducible
+
 budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py
 
