@@ -6,7 +6,8 @@ INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 MAPS_SRC := $(sort $(wildcard client/core/maps/*.c))
 MAPS_OBJ := $(MAPS_SRC:%.c=$(BUILD)/%.o)
 MAPS_LIB := $(BUILD)/libumbrage-maps.a
-CORE_SRC := $(filter-out $(MAPS_SRC),$(sort $(wildcard client/core/*/*.c)))
+# Kernels of WebAssembly are compiled by client/web alone.
+CORE_SRC := $(filter-out $(MAPS_SRC) %_simd128.c,$(sort $(wildcard client/core/*/*.c)))
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
 CORE_LIB := $(BUILD)/libumbrage-core.a
 ifeq ($(config),release)

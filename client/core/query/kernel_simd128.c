@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The query kernels with WebAssembly's vectors of 128 bits; elsewhere nothing. */
-#if defined(__wasm_simd128__)
+/* The query kernels with WebAssembly's vectors of 128 bits. */
 #define UMB__KERNEL umb__kernel_simd128
 #define UMB__TENT   umb__tent_simd128
 #define UMB__COARSE umb__kernel_coarse_simd128
@@ -19,4 +18,3 @@
 #define UMB__WEIGH_WINDOWS  umb__weigh_windows_simd128
 #include "query/kernel_body.h"
 #include "query/kernel_coarse_body.h"
-#endif

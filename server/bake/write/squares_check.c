@@ -275,8 +275,10 @@ static enum umb_status check_squares(struct squares *squares, uint32_t lights,
     UMB__TRY(find_trees(squares, lights, error));
     UMB__TRY(umbu_range_each(check->threads, squares->count, 16, digest_item, squares, error));
     find_oldest(check->proofs, checked);
-    if (count_columns(squares, checked) > COLUMNS_A_POINT * check->points) {
-        return UMB_OK;
+    const uint64_t columns = count_columns(squares, checked);
+    if (columns > COLUMNS_A_POINT * check->points ||
+        checked->tiles_inherited + checked->squares_inherited == 0) {
+        return UMB_OK; /* too many columns, or nothing to inherit: random points as asked for */
     }
     *sample = 0;
     for (uint32_t light = 0; light < lights && !*sample; light++) {
