@@ -137,8 +137,8 @@ static double bytes_without_copies(const struct umbb_growth_samples *samples, ui
     return level_bytes(samples, doublings) * fmax(sum, DENSITY_MIN);
 }
 
-/* Adds to bytes without copies the bytes that copies are likely to add: none if the file surely has
- * no copies, half of them if it may or may not. */
+/* Returns the bytes of a file whose pages repeat nodes of other pages, from its bytes without such
+ * copies. Copies count not at all if the file surely has none, and half if that is open. */
 static double with_copies(const struct umbb_growth_samples *samples, uint32_t doublings,
                           double bytes)
 {

@@ -217,7 +217,8 @@ UMB_CHECKED enum umb_status umbt_study_measure(struct umbt_study *study, struct 
 /* Draws all pictures, and pictures/traced.png. Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_pictures(struct umbt_study *study, struct umb_error *error);
 
-/* 1 if a result gets pictures: 1 and 9 taps of each resolution's first asset, the plan's. */
+/* Returns true (1) if a result gets pictures: windows of 1 and 9 taps on the asset that the plan
+ * chose at each resolution. */
 int umbt_study_has_picture(const struct umbt_study *study, const struct umbt_study_result *result);
 
 /* Writes a file name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */

@@ -442,7 +442,8 @@ static void write_nodes(struct writer *w, uint32_t node_level)
     keep(w, umb__put_list(at, w->e->references, written, high_bits));
 }
 
-/* Finds the runs of the page's bricks and the leaf of each run. Returns the number of runs. */
+/* Divides the page's bricks into runs of equal slices, and finds the leaf of each run: the mask of
+ * one slice. Returns the number of runs. */
 static size_t list_leaves(struct writer *w)
 {
     const uint32_t *nodes = w->nodes[UMB_LEVEL_BRICK];

@@ -233,7 +233,8 @@ size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const 
 /* Answers with a line of text, or without a body if the text is empty. */
 void umbd_web_reply(struct umbd_call *call, int status, const char *fields, const char *text);
 
-/* Fails the call; umbd_call_fail calls it. code: of gRPC, gives the status. */
+/* Answers a request of HTTP/1.1 with an error: umbd_call_fail for such requests. code: a gRPC
+ * status code, from which the HTTP status follows. */
 void umbd_web_fail(struct umbd_call *call, int code, const char *message);
 
 /* Ends a reply whose body cannot be completed: the connection closes. */
