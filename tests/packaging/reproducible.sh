@@ -43,7 +43,7 @@ release "$work/one" 022 2 LC_ALL=C TZ=UTC
 same "a release is built" 0 $?
 # Words of $later and $locale are split on purpose.
 # shellcheck disable=SC2086
-release "$work/second/and/longer/path" 077 3 TZ=Pacific/Kiritimati USER=somebody $locale $later
+release "$work/second/and/longer/path" 077 3 TZ=Pacific/Kiritimati USER=builder $locale $later
 same "another is built elsewhere, later, by other settings" 0 $?
 echo "two releases took $(($(date +%s) - begin)) s"
 tail -n 3 "$work/one.log" "$work/second/and/longer/path.log"

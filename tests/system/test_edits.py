@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Edits with a cache: the id of a full bake, a self-check that compares only what changed, and no wrong
-asset from a cache that somebody spoilt. `make edits` makes more of the edits, on real scenes."""
+asset from a damaged cache. `make edits` makes more of the edits, on real scenes."""
 import ctypes
 import os
 import random

@@ -37,7 +37,7 @@
 
 /* Record of a square. */
 struct umbb_square_proof {
-    uint8_t digest[UMBB_SQUARE_DIGEST]; /* of the square's casters and voxels */
+    uint8_t digest[UMBB_SQUARE_DIGEST]; /* Hash of the square's casters and voxels */
     uint64_t time_s;                    /* seconds since 1970 of the comparison; 0: no proof */
     uint32_t columns;                   /* rays cast, one a column; 0: points drawn at random */
     uint32_t points;                    /* points of the light that were drawn then */

@@ -38,7 +38,7 @@ struct umbb_tile_folder {
     struct umbb_tile_ahead *ahead;     /* reads results of the next tiles */
     struct umb__pool_numbers numbers;  /* working memory */
     struct umbb_proofs *proofs;        /* where tiles are noted; its frusta are NULL: nowhere */
-    struct umbb_frustum_proofs *proof; /* of the frustum; NULL: none */
+    struct umbb_frustum_proofs *proof; /* Proofs of the frustum; NULL: none */
 };
 
 /* Opens the folder. In: threads: that read results, with the owner. Fails: as
