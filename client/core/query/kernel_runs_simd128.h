@@ -38,7 +38,7 @@ struct umb__brick_lanes {
 static inline struct umb__brick_lanes umb__load_brick(const uint64_t brick[8])
 {
     return (struct umb__brick_lanes){{wasm_v128_load(brick), wasm_v128_load(brick + 2),
-                                         wasm_v128_load(brick + 4), wasm_v128_load(brick + 6)}};
+                                      wasm_v128_load(brick + 4), wasm_v128_load(brick + 6)}};
 }
 
 /* Low three bits of each of eight integers, in the low eight bytes. */
