@@ -5,6 +5,8 @@ INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/har
 # Tests are compiled more often than they run.
 ifeq ($(config),release)
 $(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1
+else ifneq ($(filter asan tsan,$(config)),)
+$(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O0
 endif
 
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
@@ -260,11 +262,15 @@ races: deps ## the tests that can start a thread, and a serving daemon, under TS
 	@$(MAKE) --no-print-directory -j$(CORES) tsan-needs
 	@$(MAKE) --no-print-directory tsan-short
 
-# The sanitizer's build runs beside tests, which leave processors idle while they wait.
+# The sanitizer's build runs beside tests, which leave processors idle while they wait. With
+# SANITIZER=clang it is the fuzzer's build where clang has libFuzzer, which has the same checks and more.
+SANITIZER ?= gcc
+BUILD_asan = $(if $(and $(filter clang,$(SANITIZER)),$(shell $(HAS_FUZZER) && echo yes)),$(FUZZ_CLANG),config=asan warn=)
+BUILD_tsan = config=tsan warn=
 asan-needs tsan-needs: %-needs:
-	@nice $(MAKE) --no-print-directory config=$* warn= say= sanitize-needs
+	@nice $(MAKE) --no-print-directory $(BUILD_$*) say= sanitize-needs
 asan-short tsan-short: %-short:
-	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory config=$* warn= sanitize-one
+	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory $(BUILD_$*) sanitize-one
 
 layers: $(PROGRAMS) ## prove the include rules, and that no files or folders call each other in a circle
 	@/usr/bin/python3 tests/lint/layers.py
