@@ -264,7 +264,8 @@ static void answer(const struct umbt_technique_view *view, struct asking asking,
     result->time.spread = INFINITY;
     const double once = calls_s(&asking, 1); /* also warms up the caches */
     const int calls = 1 + (int)fmin(RUN_S / fmax(once, 1e-9), CALLS_MAX);
-    for (size_t i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_STEADY; i++) {
+    const size_t attempts = view->quick ? 1 : ATTEMPTS;
+    for (size_t i = 0; i < attempts && result->time.spread > UMBT_SPREAD_STEADY; i++) {
         for (size_t run = RUNS * i; run < RUNS * (i + 1); run++) {
             ns[run] = 1e9 * calls_s(&asking, calls) / ((double)calls * (double)points);
         }

@@ -30,6 +30,7 @@ struct umbt_technique_view {
     uint32_t taps;       /* width of the filter, odd */
     double light_rad;    /* angular diameter */
     unsigned threads;
+    int quick; /* 1: times that do not agree are not measured again */
     struct umb_map_frustum frustum;
     float *depth; /* [resolution^2] */
     struct umbt_gbuffer buffer;
@@ -42,7 +43,7 @@ struct umbt_technique_view {
 /*
  * Traces layer, points and truths.
  *
- * In:    view: the fields from `setup` to `threads` are set; the rest is zero.
+ * In:    view: the fields from `setup` to `quick` are set; the rest is zero.
  * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing).
  */
 UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view *view,
