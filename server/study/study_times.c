@@ -2,9 +2,9 @@
 /*
  * Times of every setting and of rays (study_probe.h). Runs are interleaved over the settings, so
  * that a disturbance of the machine affects all of them alike. The least of all runs counts
- * (struct umbt_time); settings whose least runs differ are run again, but not with --quick. Times of
- * one thread are its CPU time, times of all threads are wall time. Where the processor counts instructions, those of a
- * point are counted too.
+ * (struct umbt_time). Settings whose least runs differ are run again, but not with --quick. Times
+ * of one thread are its CPU time, times of all threads are wall time. Where the processor counts
+ * instructions, those of a point are counted too.
  */
 #include "study/study_probe.h"
 

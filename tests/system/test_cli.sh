@@ -145,7 +145,7 @@ same "and leaves nothing" "" "$(find . -name '*big.umb*' -o -name '*.tmp*')"
 # --- so do interrupted points; a place that cannot be written shows before the work ---
 for number in TERM HUP; do
     echo old >big.pts
-    "$BUILD/umbrage-study" points big.ply -o big.pts --count 4000000 --format text --quiet &
+    "$BUILD/umbrage-study" points big.ply -o big.pts --count 1500000 --format text --quiet &
     points=$!
     while kill -0 $points 2>err && [ -z "$(find . -name '.tmp.big.pts*')" ]; do sleep 0.01; done
     kill -s $number $points
