@@ -259,10 +259,9 @@ struct pair {
 static void a_table_that_does_not_fit_its_message_fails_at_its_first_use(void **state)
 {
     (void)state;
-    static const struct umbw_row few[] = {{1, UMBW_AT(pair, asset)}};
-    static const struct umbw_row swapped[] = {{2, UMBW_AT(pair, light)}, {1, UMBW_AT(pair, asset)}};
-    UMBW_TABLE(FEW, umbrage__v1__target, few, "", sizeof(struct pair));
-    UMBW_TABLE(SWAPPED, umbrage__v1__target, swapped, "", sizeof(struct pair));
+    UMBW_TABLE(FEW, umbrage__v1__target, "", sizeof(struct pair), {1, UMBW_AT(pair, asset)});
+    UMBW_TABLE(SWAPPED, umbrage__v1__target, "", sizeof(struct pair), {2, UMBW_AT(pair, light)},
+               {1, UMBW_AT(pair, asset)});
     const struct umbw_table *tables[] = {&FEW, &SWAPPED};
     static const char *const reasons[] = {"umbrage.v1.Target: has 2 fields, its table has 1 rows",
                                           "asset: row 2 of the table stands here"};
