@@ -14,7 +14,7 @@
 #include "base/try.h"
 #include "grpc/reflection/v1/reflection.pb-c.h"
 #include "wire/codec.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #define SERVICES_MAX     16  /* Most services of all files */
 #define SERVICE_NAME_MAX 128 /* Longest name of a service, with its package */

@@ -14,7 +14,7 @@
 
 #include "fake_reply.h"
 #include "wire/bakes.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 #include "wire/volume_queries.h"
 

@@ -11,7 +11,7 @@
 #include "wire/bakes.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 #include "wire_samples.h"
 
