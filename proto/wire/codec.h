@@ -16,7 +16,8 @@
  * | bytes                          | uint8_t[] of that exact length; or a pointer into the      |
  * |                                | message, with the length as the row's count, in records of |
  * |                                | `stride` bytes if there is a stride                        |
- * | repeated bytes                 | pointer to `stride` bytes each; the decoder gives the last |
+ * | repeated bytes                 | pointer to `stride` bytes each; the decoder gives the      |
+ * |                                | last. Without a stride: as bytes, for one element          |
  * | message                        | struct at its place                                        |
  * | repeated message               | pointer to an array; or arrays in the parent's struct, if  |
  * |                                | the message has no struct (size 0)                         |

@@ -471,7 +471,7 @@ static enum umb_status take_bytes(const struct slot *slot)
     const struct umbw_row *row = slot->row;
     const struct found *found = slot->found;
     const bool in_place = row->size == sizeof found->bytes;
-    const bool repeated = slot->field->label == PROTOBUF_C_LABEL_REPEATED;
+    const bool repeated = row->stride > 0 && slot->field->label == PROTOBUF_C_LABEL_REPEATED;
     const size_t exact = !in_place ? row->size : repeated ? row->stride : 0;
     const size_t each = row->stride > 0 ? row->stride : 1;
     const bool empty = found->size == 0 && row->stride == 0 && !(row->flags & UMBW_REQUIRED);

@@ -278,7 +278,7 @@ static void put_blob(struct sink *sink, const struct slot *slot)
         put_tag(sink, slot, UMBW_WIRE_BYTES);
         put_varint(sink, slot->count);
         sink->last += slot->count;
-    } else if (slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
+    } else if (row->stride > 0 && slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
         for (size_t i = 0; i < slot->count; i++) {
             put_piece(sink, slot, sink->bytes != NULL ? bytes + i * row->stride : NULL,
                       row->stride);
