@@ -135,8 +135,8 @@ UMB_CHECKED enum umb_status umbw_decode_new(const struct umbw_table *table, cons
 UMB_CHECKED enum umb_status umbw_encode(const struct umbw_table *table, const void *in,
                                         struct umbw_buffer *buffer, struct umb_error *error);
 
-/* Defines the functions that UMBW_MESSAGE (messages.h) declares, for messages that need no more than
- * their table. */
+/* Defines the functions that UMBW_MESSAGE (messages.h) declares, for messages that need no more
+ * than their table. */
 #define UMBW_CODEC(name, type, table)                                                              \
     enum umb_status umbw_decode_##name(const uint8_t *message, size_t size, type *out,             \
                                        struct umb_error *error)                                    \
