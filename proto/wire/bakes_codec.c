@@ -12,6 +12,7 @@ static const struct umbw_row FILE_ROWS[] = {
     {1, UMBW_AT(umbw_bundle_file, path), .flags = UMBW_FILLED},
     {2, UMBW_AT(umbw_bundle_file, size)},
     {3, UMBW_AT(umbw_bundle_file, sha256), .flags = UMBW_REQUIRED},
+    {4, UMBW_AT(umbw_bundle_file, kept)},
 };
 UMBW_TABLE(BUNDLE_FILE, umbrage__v1__bundle_file, FILE_ROWS, "files.",
            sizeof(struct umbw_bundle_file));
@@ -30,6 +31,8 @@ static const struct umbw_row MANIFEST_ROWS[] = {
     {3, UMBW_AT(umbw_manifest, settings), UMBW_COUNT(umbw_manifest, setting_count),
      .table = &SETTING, .most = UMBW_MANIFEST_MAX},
     {4, UMBW_AT(umbw_manifest, priority)},
+    {5, UMBW_AT(umbw_manifest, replaces), .flags = UMBW_FILLED},
+    {6, UMBW_AT(umbw_manifest, ask)},
 };
 UMBW_TABLE(MANIFEST, umbrage__v1__manifest, MANIFEST_ROWS, "", sizeof(struct umbw_manifest));
 
@@ -65,11 +68,12 @@ enum umb_status umbw_encode_submit_request(const struct umbw_submit_request *in,
 }
 
 static const struct umbw_row SUBMITTED_ROWS[] = {
-    {1, UMBW_AT(umb_job_submitted, job)},
-    {2, UMBW_AT(umb_job_submitted, existing)},
+    {1, UMBW_AT(umbw_submit_reply, submitted.job)},
+    {2, UMBW_AT(umbw_submit_reply, submitted.existing)},
+    {3, UMBW_AT(umbw_submit_reply, missing), UMBW_COUNT(umbw_submit_reply, missing_count)},
 };
-UMBW_CODEC(submit_reply, struct umb_job_submitted, SUBMITTED, umbrage__v1__submit_reply,
-           SUBMITTED_ROWS, sizeof(struct umb_job_submitted))
+UMBW_CODEC(submit_reply, struct umbw_submit_reply, SUBMITTED, umbrage__v1__submit_reply,
+           SUBMITTED_ROWS, sizeof(struct umbw_submit_reply))
 
 static const struct umbw_row JOB_ROWS[] = {{1, .size = UMBW_JOB_MAX + 1}};
 UMBW_CODEC(job_request, char, JOB, umbrage__v1__watch_request, JOB_ROWS, UMBW_JOB_MAX + 1)
