@@ -50,8 +50,8 @@ UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *mani
                                                 uint64_t max_bytes, uint64_t *bytes,
                                                 struct umb_error *error);
 
-/* Checks the name of an asset: 1 to UMBJ_NAME_MAX of [A-Za-z0-9._-], not beginning with a point, and
- * no id. Fails: E_ARGUMENT. */
+/* Checks the name of an asset: 1 to UMBJ_NAME_MAX of [A-Za-z0-9._-], not beginning with a point,
+ * and no id. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_name_check(const char *name, struct umb_error *error);
 
 #define UMBJ_HEAD_BYTES 8

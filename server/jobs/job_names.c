@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Names of assets that jobs replace. A name belongs to an owner. Its row has the asset that the name
- * means now, and the bundle of that asset, which the next version may use again. So the bundle's
- * bytes count for the owner's quota.
+ * Names of assets that jobs replace. A name belongs to an owner. Its row has the asset that the
+ * name means now, and the bundle of that asset, which the next version may use again. So the
+ * bundle's bytes count for the owner's quota.
  */
 #include "jobs/job_table_internal.h"
 

@@ -145,7 +145,8 @@ UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const cha
                                              struct umb_error *error);
 
 /* Records that the asset is in the store: the job is done, its owner owns the asset, the job's name
- * means the asset, and the key is remembered for later bakes. bake_ms: duration of the bake in milliseconds. */
+ * means the asset, and the key is remembered for later bakes. bake_ms: duration of the bake in
+ * milliseconds. */
 UMB_CHECKED enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_job *job,
                                               const uint8_t *asset, int64_t bake_ms, int64_t now,
                                               struct umb_error *error);
@@ -208,7 +209,8 @@ UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t b
 
 #define UMBJ_NAMES_MAX 1000 /* limit of the names of one owner */
 
-/* Gives a job's name to an asset, with the job's bundle. In: job: owner, name, key, bundle_bytes. */
+/* Gives a job's name to an asset, with the job's bundle. In: job: its owner, name, key
+ * and bundle_bytes. */
 UMB_CHECKED enum umb_status umbj_table_set_name(struct umbj_table *table,
                                                 const struct umbj_job *job, const uint8_t *asset,
                                                 struct umb_error *error);

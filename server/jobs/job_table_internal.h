@@ -3,7 +3,8 @@
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 /*
  * Shared by the files of the job table. Each file uses only those before it: job_names.c keeps
- * names of assets, job_assets.c keeps owners, counts and quotas, job_table.c validates rows and finds jobs, job_moves.c changes them.
+ * names of assets, job_assets.c keeps owners, counts and quotas, job_table.c validates rows and
+ * finds jobs, job_moves.c changes them.
  */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"

@@ -15,9 +15,9 @@
  * epoch, records job, asset and owner. A crash between two steps leaves at most an announced file
  * without an owner, which the next start removes. The job is then tried again and gives the same
  * bytes. A job with a name then gives this name to its asset by one rename of a link
- * (service_names.c). Watchers see a job as done when the daemon serves the asset, and only then may its owner
- * see the asset. Each step takes as long whether or not other owners have the asset: the file is
- * copied, synced, read again, renamed and loaded anew.
+ * (service_names.c). Watchers see a job as done when the daemon serves the asset, and only then may
+ * its owner see the asset. Each step takes as long whether or not other owners have the asset: the
+ * file is copied, synced, read again, renamed and loaded anew.
  *
  * Assets of jobs are in a separate folder inside the jobs folder. A file that an operator put into
  * a store never becomes a job's asset, whatever its name: it is neither taken over nor removed.

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 /* Shared by the files of the job service: service_names.c makes the links of names,
- * service_tries.c applies the results of tries to jobs, service_requests.c handles owners' requests, service.c
- * is the thread that calls them. */
+ * service_tries.c applies the results of tries to jobs, service_requests.c handles owners'
+ * requests, service.c is the thread that calls them. */
 #include <pthread.h>
 #include "jobs/executor.h"
 #include "jobs/job_place.h"

@@ -164,8 +164,8 @@ static enum umb_status name_existing(struct umbj_service *service, struct umbj_j
     return UMB_OK;
 }
 
-/* Finds the job that an equal submission made, and gives it the manifest's name. Out: job: its id is
- * empty if there is none. */
+/* Finds the job that an equal submission made, and gives it the manifest's name. Out: job: its id
+ * is empty if there is none. */
 static enum umb_status find_existing(struct umbj_service *service, const char *owner,
                                      const struct umbj_manifest *manifest, const uint8_t *key,
                                      struct umbj_job *job, struct umb_error *error)

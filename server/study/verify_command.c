@@ -11,9 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include "base/try.h"
-#include "rays/verify.h"
+#include "rays/verify_squares.h"
 #include "study/verify_bounds.h"
-#include "study/verify_voxels.h"
 #include "tool/clock.h"
 #include "tool/progress.h"
 
@@ -144,7 +143,7 @@ static void show_compared(void *user, uint64_t points)
 /* Points, or columns, to compare for a light. */
 static uint64_t wanted(const struct verify *verify, uint32_t light)
 {
-    return verify->every_voxel ? umbt_columns_of(verify->asset, light) : verify->points;
+    return verify->every_voxel ? umbr_columns_of(verify->asset, light) : verify->points;
 }
 
 /* Verifies one light. */
@@ -164,7 +163,7 @@ static enum umb_status light_verify(struct verify *verify, uint32_t light,
         .progress_user = compared,
     };
     return verify->every_voxel
-               ? umbt_voxels_verify(verify->asset, light, scene->rays, &options, result, error)
+               ? umbr_verify_voxels(verify->asset, light, scene->rays, &options, result, error)
                : umbr_verify(verify->asset, light, scene->rays, &options, result, error);
 }
 

@@ -103,8 +103,8 @@ struct umb_job_submission {
     /* Name that the asset gets when the job is done, in the place of the asset that has it; NULL:
      * none. 1 to 64 of [A-Za-z0-9._-]. With a token the asset is then TOKEN'S NAME/NAME. */
     const char *replaces;
-    /* [file_count] 1: the file is not sent, because the last version of `replaces` had it. NULL: all
-     * files are sent. */
+    /* [file_count] 1: the file is not sent, because the last version of `replaces` had it. NULL:
+     * all files are sent. */
     const uint8_t *kept;
     /* [file_count] Result: 1 if the file must be sent, else it may be `kept`. If this is not NULL,
      * the call only asks: it sends no files and makes no job. If the same submission was made

@@ -39,8 +39,9 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
  * Opens the temporary with full validation, compares all its nodes with the octree's
  * (write/page_compare.h) and its identity with the one written, and traces rays.
  *
- * In:    octree: as for umbb_publish_write. It is taken over if the file holds it; finish it anyway.
  * With many lights each gets fewer points, but not fewer than 20000 (or the requested number).
+ * In:    octree: as for umbb_publish_write. It is taken over if the file holds it; finish it
+ *        anyway.
  * Fails: E_INTERNAL if the file differs from what was written; E_LIMIT if opening takes more than
  *        max_memory_bytes; the errors of umbb_self_check, and other failures of opening.
  */

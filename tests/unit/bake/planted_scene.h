@@ -6,9 +6,9 @@
  * octrees with one wrong voxel. Include after cmocka.h.
  *
  * Twelve boxes stand on a floor of 20 m under a slanted sun; the edit moves one box by half a
- * metre. Voxels are planted where the truth is known without rays: the neighbourhood is uniform in a
- * bake under the open rule, which leaves no voxel undefined. Under the closed rule, shadowed voxels
- * must also lie behind all boxes.
+ * metre. Voxels are planted where the truth is known without rays: the neighbourhood is uniform in
+ * a bake under the open rule, which leaves no voxel undefined. Under the closed rule, shadowed
+ * voxels must also lie behind all boxes.
  */
 #include <unistd.h>
 

@@ -59,17 +59,10 @@ static void it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again(void **state)
 static uint64_t compare_all(const struct planted *p, const struct planted_scene *scene,
                             const char *file)
 {
-    enum {
-        ACROSS = (1 << PLANTED_LOG2) / UMBR_SQUARE
-    };
-    struct umbr_square squares[ACROSS * ACROSS];
-    struct umbr_squares_result result;
+    struct umbr_verify_result result;
     struct umbr_rays *rays;
     struct umb_asset *asset;
     struct umb_error error;
-    for (uint32_t i = 0; i < ACROSS * ACROSS; i++) {
-        squares[i] = (struct umbr_square){0, i % ACROSS * UMBR_SQUARE, i / ACROSS * UMBR_SQUARE};
-    }
     const struct umbr_rays_options quick = {.quick = 1, .threads = 1};
     const struct umbr_verify_options options = {
         .closed = p->closed_rule ? scene->world.kinds : NULL, .threads = 1};
@@ -77,13 +70,11 @@ static uint64_t compare_all(const struct planted *p, const struct planted_scene 
     assert_int_equal(umbr_rays_build((const double(*)[3][3])scene->world.corners,
                                      scene->world.count, &quick, &rays, &error),
                      UMB_OK);
-    assert_int_equal(
-        umbr_verify_squares(asset, 0, rays, &options, squares, ACROSS * ACROSS, &result, &error),
-        UMB_OK);
-    assert_false(result.gave_up);
+    assert_int_equal(umbr_verify_voxels(asset, 0, rays, &options, &result, &error), UMB_OK);
+    assert_int_equal(result.records > 0, 1);
     umbr_rays_destroy(rays);
     umb_asset_close(asset);
-    return result.found.outside_band;
+    return result.outside_band;
 }
 
 static void a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all(void **state)

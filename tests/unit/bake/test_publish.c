@@ -159,8 +159,8 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     assert_int_equal(file_count(f), 0);
 }
 
-/* Changes an octree in one place, or changes it back. In: kind: what; pick: which. Returns 0 if there
- * is nothing of this kind. */
+/* Changes an octree in one place, or changes it back. In: kind: what; pick: which. Returns 0 if
+ * there is nothing of this kind. */
 static int change(struct umb__octree *octree, uint64_t kind, uint64_t pick)
 {
     struct umb__octree_level *level = &octree->level[UMB_LEVEL_BRICK + 1 + pick % 4];

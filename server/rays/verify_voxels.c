@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See verify_voxels.h. Squares are compared row by row: each row has its own limit of voxels that
- * are judged one by one. */
-#include "study/verify_voxels.h"
+/* All squares of a light. They are compared row by row, because each call has a limit of voxels
+ * that are judged one by one. */
+#include "rays/verify_squares.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/try.h"
-#include "rays/verify_squares.h"
 
 static uint32_t size_of(const struct umb_asset *asset, uint32_t frustum)
 {
@@ -15,7 +14,7 @@ static uint32_t size_of(const struct umb_asset *asset, uint32_t frustum)
     return umb_asset_get_frustum(asset, frustum, &info) == UMB_OK ? 1U << info.log2_size : 0;
 }
 
-uint64_t umbt_columns_of(const struct umb_asset *asset, uint32_t light)
+uint64_t umbr_columns_of(const struct umb_asset *asset, uint32_t light)
 {
     struct umb_light_info info;
     uint64_t columns = 0;
@@ -67,7 +66,7 @@ static enum umb_status verify_face(const struct umb_asset *asset, uint32_t light
     return UMB_OK;
 }
 
-enum umb_status umbt_voxels_verify(const struct umb_asset *asset, uint32_t light,
+enum umb_status umbr_verify_voxels(const struct umb_asset *asset, uint32_t light,
                                    const struct umbr_rays *rays,
                                    const struct umbr_verify_options *options,
                                    struct umbr_verify_result *result, struct umb_error *error)
@@ -79,8 +78,8 @@ enum umb_status umbt_voxels_verify(const struct umb_asset *asset, uint32_t light
     UMB__TRY(umb_asset_get_light(asset, light, &info));
     if (about.receiver_mask_bytes > 0) {
         return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "--every-voxel: an asset under the static rule is right on surfaces only; "
-                        "compare points (--points N)");
+                        "verification: an asset under the static rule is right on surfaces only; "
+                        "compare points");
     }
     struct umbr_square *squares =
         malloc((size_of(asset, info.first_frustum) / UMBR_SQUARE + 1U) * sizeof *squares);
