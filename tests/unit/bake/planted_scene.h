@@ -96,7 +96,7 @@ static inline void planted_init(struct planted *p, int closed_rule)
     umbb_sun_direction(135.0, 60.0, 1, p->light.direction);
     planted_world(&world, 0);
     const struct umbb_fit fit = {(const double(*)[3][3])world.corners, world.count, origin,
-                                 PLANTED_LOG2};
+                                 PLANTED_LOG2, 1};
     assert_int_equal(umbb_light_frame_fit(&fit, p->light.direction, &p->frustum, &error), UMB_OK);
     soup_finish(&world);
     p->frustum.closed = closed_rule;

@@ -51,7 +51,7 @@ static int setup(void **state)
     memcpy(f->light.name, "sun", 4);
     f->light.frustum_count = 1;
     umbb_sun_direction(135.0, 60.0, 1, f->light.direction);
-    const struct umbb_fit fit = {(const double(*)[3][3])f->world, 14, origin, LOG2_SIZE};
+    const struct umbb_fit fit = {(const double(*)[3][3])f->world, 14, origin, LOG2_SIZE, 1};
     assert_int_equal(umbb_light_frame_fit(&fit, f->light.direction, &f->frustum, &error), UMB_OK);
     umbb_light_frame_apply(&f->frustum, origin, f->soup.corners, 14);
     soup_bake(&f->soup, 0, 7, 1, &f->octree);
