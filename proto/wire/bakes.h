@@ -27,7 +27,7 @@ struct umbw_bundle_file {
 };
 
 struct umbw_manifest {
-    const char *scene;
+    const char *scene; /* Decoder: begins the memory that holds files, settings and texts */
     struct umbw_bundle_file *files;
     size_t file_count;
     struct umb_job_setting *settings;
@@ -35,7 +35,6 @@ struct umbw_manifest {
     int priority;
     const char *replaces; /* "" or NULL: no name */
     int ask;
-    void *owned; /* Decoder: memory that holds files, settings and texts */
 };
 
 /* One message of Submit: a manifest, or data. */
