@@ -114,7 +114,7 @@ static void what_a_face_leaves_out_is_refused(void **state)
         for (int i = 0; i < 9; i++) {
             v[0][i / 3][i % 3] = scale * (2 * random_unit(&seed) - 1);
         }
-        const struct umbb_fit triangle = {(const double(*)[3][3])v, 1, origin, LOG2};
+        const struct umbb_fit triangle = {(const double(*)[3][3])v, 1, origin, LOG2, 1};
         struct umbb_contact contact;
         for (int i = 0; i < 2000 && !seen; i++) {
             const double b = random_unit(&seed), c = (1 - b) * random_unit(&seed);

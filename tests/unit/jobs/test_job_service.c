@@ -566,9 +566,10 @@ static void a_known_asset_is_published_unless_its_file_is_gone(void **state)
 }
 
 /* Collects what the daemon reports about its assets. */
-static int is_served(void *user, const uint8_t *asset)
+static int is_served(void *user, const uint8_t *asset, const char *name)
 {
     (void)asset;
+    (void)name;
     return *(int *)user;
 }
 

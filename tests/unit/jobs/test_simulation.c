@@ -113,10 +113,11 @@ static int64_t world_steady_ms(void *user)
 }
 
 /* The daemon's store: it loads new assets after a while, and some never. */
-static int world_serves(void *user, const uint8_t *asset)
+static int world_serves(void *user, const uint8_t *asset, const char *name)
 {
     struct sim *sim = user;
     (void)asset;
+    (void)name;
     if (sim->is_sound) {
         return 1;
     }
