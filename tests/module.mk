@@ -82,11 +82,11 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
 SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check gpu_voxels interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
-system: python web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
+system: python gpu web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
-release-needs: all python web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-needs: all python gpu web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
 release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
