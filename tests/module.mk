@@ -3,7 +3,7 @@
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 # The shaders' walk as C.
-$(BUILD)/tests/unit/core/test_gpu_walk.o: $(GPU_DIR)/umbrage_gpu.h
+$(BUILD)/tests/unit/core/test_gpu_walk.o: $(GPU_DIR)/umbrage.cuh
 $(BUILD)/tests/unit/core/test_gpu_walk.o: INC_tests += -I$(GPU_DIR)
 
 # Tests are compiled more often than they run.

@@ -31,7 +31,7 @@ RWStructuredBuffer<float4> points : register(u1);
     float4(umbrage_box(sun, points[id.x].xyz, float3(0, 0, 0), 9), umbrage_tent(sun, points[id.x].xyz, float3(0, 0, 0), 5))
     + umbrage_coarse(sun, points[id.x].xyz, float3(0, 0, 0), 3u).xyxy; }
 """
-CUDA = """#include "umbrage_gpu.h"
+CUDA = """#include "umbrage.cuh"
 __global__ void shade(const uint4 *data, UmbragePlacement sun, const float3 *points, float4 *light)
 {
     const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
@@ -50,7 +50,7 @@ SHADERS = [
     ("HLSL", "glslangValidator", "umbrage.hlsl", "", HLSL, "shader.hlsl",
      ["-V", "-D", "-e", "main", "-S", "comp", "-o", os.devnull]),
     ("CUDA", NVCC, None, CUDA, "", "shader.cu", ["-Werror", "all-warnings", "-c", "-o", os.devnull, "-I", INCLUDES]),
-    ("C++", "g++", None, '#include "umbrage_gpu.h"\n', "", "shader.cc",
+    ("C++", "g++", None, '#include "umbrage.cuh"\n', "", "shader.cc",
      ["-std=c++11", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only", "-I", INCLUDES]),
 ]
 

@@ -9,7 +9,7 @@
 
 #include "query/perspective.h"
 #include "umbrage/gpu.h"
-#include "umbrage_gpu.h"
+#include "umbrage.cuh"
 
 enum {
     POINTS = 2000,
