@@ -49,7 +49,13 @@ static void *read_file(const char *path, size_t *size)
 
 /* --- Vulkan ----------------------------------------------------------------------------------- */
 
-enum { ENTRIES, POINTS, LIGHT, SUN, BUFFERS };
+enum {
+    ENTRIES,
+    POINTS,
+    LIGHT,
+    SUN,
+    BUFFERS
+};
 
 struct gpu {
     VkPhysicalDevice physical;
@@ -127,15 +133,15 @@ static void bind_buffers(struct gpu *gpu)
     VkDescriptorBufferInfo infos[BUFFERS];
     VkWriteDescriptorSet writes[BUFFERS];
     const VkDescriptorPoolSize size = {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, BUFFERS};
-    const VkDescriptorPoolCreateInfo pool_info = {
-        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
-        .maxSets = 1,
-        .poolSizeCount = 1,
-        .pPoolSizes = &size};
+    const VkDescriptorPoolCreateInfo pool_info = {.sType =
+                                                      VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
+                                                  .maxSets = 1,
+                                                  .poolSizeCount = 1,
+                                                  .pPoolSizes = &size};
     VkDescriptorPool pool;
     for (uint32_t i = 0; i < BUFFERS; i++) {
-        bindings[i] = (VkDescriptorSetLayoutBinding){
-            i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL};
+        bindings[i] = (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1,
+                                                     VK_SHADER_STAGE_COMPUTE_BIT, NULL};
     }
     const VkDescriptorSetLayoutCreateInfo layout = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
@@ -151,13 +157,12 @@ static void bind_buffers(struct gpu *gpu)
     expect(vkAllocateDescriptorSets(gpu->device, &allocate, &gpu->set), "no descriptors");
     for (uint32_t i = 0; i < BUFFERS; i++) {
         infos[i] = (VkDescriptorBufferInfo){gpu->buffers[i], 0, VK_WHOLE_SIZE};
-        writes[i] =
-            (VkWriteDescriptorSet){.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                   .dstSet = gpu->set,
-                                   .dstBinding = i,
-                                   .descriptorCount = 1,
-                                   .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                   .pBufferInfo = &infos[i]};
+        writes[i] = (VkWriteDescriptorSet){.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                           .dstSet = gpu->set,
+                                           .dstBinding = i,
+                                           .descriptorCount = 1,
+                                           .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                           .pBufferInfo = &infos[i]};
     }
     vkUpdateDescriptorSets(gpu->device, BUFFERS, writes, 0, NULL);
 }
