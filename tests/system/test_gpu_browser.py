@@ -44,7 +44,7 @@ with open(test.path("gpu.json"), "w", encoding="utf-8") as file:
 with web_browser.Browser(FOLDERS, test.path("profile")) as browser:
     browser.look("/web/gpu.html", *FLAGS)
     for engine in ("webgl", "webgpu"):
-        checks = browser.result(engine, 400)
+        checks = browser.result(engine, 240 + PIXELS // 1000)
         if checks[0].get("missing"):
             ut.left_out(f"shaders by {engine}", "this Chromium has none")
         else:
