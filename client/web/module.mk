@@ -53,13 +53,18 @@ $(WEB_PACKAGE)/LICENSE: LICENSE
 WEB_LIB := $(BUILD)/libumbrage-web.a
 $(WEB_LIB): $(patsubst %,$(BUILD)/client/web/module/%.o,web_sha256 zstd_frame zstd_fse zstd_literals)
 
-web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE ## the npm package `umbrage`, in BUILD/web (clang, lld, wasi-libc)
+$(WEB_PACKAGE)/shaders.js: $(GPU_DIR)/shaders.js
+	@mkdir -p $(@D)
+	$(Q)cp $< $@
+
+web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/shaders.js $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE ## the npm package `umbrage`, in BUILD/web (clang, lld, wasi-libc)
 
 # The package where its tools are; tests skip it by its name elsewhere.
 web-if-here:
 	@if why=$$(sh client/web/tools.sh "$(WEB_CC)"); then $(MAKE) --no-print-directory web; else echo "skipped web: $$why"; fi
-test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen ## the package in node and in headless Chromium, where they are installed
-	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py
+test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/gpu_voxels ## the package in node and in headless Chromium, where they are installed
+	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py && \
+	BUILD=$(BUILD) UMBRAGE_PIXELS=921600 $(RUN) tests/system/test_gpu_browser.py
 .PHONY: web web-if-here test-web
 
 # Speed of the package against the native kernels without AVX.
