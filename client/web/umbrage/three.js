@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: Apache-2.0
+// Shadows of an asset in three.js (from r111 on, WebGL2): MeshStandardMaterial, MeshPhysicalMaterial and
+// MeshPhongMaterial get them beside three's own shadow maps.
+//
+// A material's shader is extended by onBeforeCompile. Each light of the scene that stands where a light of the asset
+// stands is multiplied by the asset's answer, and by three's own map if it casts one. The asset's data are in one
+// texture and in uniforms of integers, which old versions of three cannot set. So this module sets them while the
+// program is in use: three asks for the value of the uniform umbrage_taps then.
+import { WebGLNodes, glsl, setPlacement } from "./gpu.js";
+import { require } from "./errors.js";
+
+const FACES_MAX = 16; // Placements of a material: 10 uniform vectors each
+const OVERLAYS = ["none", "exact", "bound", "state"];
+
+const declarations = `
+${glsl}
+uniform UmbragePlacement umbrage_at[UMBRAGE_FACES];
+uniform vec4 umbrage_lights[UMBRAGE_FACES]; // Direction towards a sun with w = 0, or position of a lamp with w = 1
+uniform int umbrage_taps;
+uniform int umbrage_filter;
+uniform int umbrage_overlay;
+vec2 umbrage_answers[UMBRAGE_FACES]; // Lower and upper limit
+
+// Answers this fragment's point; call it outside of branches, because the normal is that of the surface.
+void umbrage_look(vec3 position) {
+  vec3 normal = normalize(cross(dFdx(position), dFdy(position)));
+  for (int i = 0; i < UMBRAGE_FACES; i++) {
+    umbrage_answers[i] = umbrage_filter == 1 ? umbrage_tent(umbrage_at[i], position, normal, umbrage_taps)
+                                             : umbrage_box(umbrage_at[i], position, normal, umbrage_taps);
+  }
+}
+
+// Share of a light of the scene that reaches the point.
+float umbrage_share(vec4 light) {
+  float share = 1.0;
+  for (int i = 0; i < UMBRAGE_FACES; i++) {
+    vec4 own = umbrage_lights[i];
+    bool is_it = own.w == light.w && (light.w == 0.0 ? dot(own.xyz, light.xyz) > 0.99999
+      : distance(own.xyz, light.xyz) < 1e-3 * (1.0 + length(light.xyz)));
+    share *= is_it ? 0.5 * (umbrage_answers[i].x + umbrage_answers[i].y) : 1.0;
+  }
+  return share;
+}
+
+// Draws what is not exact as stripes, and where a shadow's boundary crosses the window as dots.
+vec4 umbrage_mark(vec4 color) {
+  float missing = 0.0, mixed = 0.0;
+  for (int i = 0; i < UMBRAGE_FACES; i++) {
+    vec2 both = umbrage_answers[i];
+    missing = max(missing, both.y - both.x);
+    mixed = max(mixed, both.x > 0.0 && both.x < 1.0 ? 1.0 : 0.0);
+  }
+  if (umbrage_overlay == 3) {
+    return vec4(missing > 0.0 ? 0.0 : 1.0, 1.0, 0.0, 1.0);
+  }
+  float stripe = step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / 10.0));
+  vec2 cell = fract(gl_FragCoord.xy / 6.0) - 0.5;
+  if (missing > 0.0) {
+    return vec4(mix(color.rgb, mix(vec3(0.1, 0.05, 0.0), vec3(1.0, 0.7, 0.2), stripe), 0.75), color.a);
+  }
+  if (umbrage_overlay == 2 && mixed > 0.0) {
+    return vec4(mix(color.rgb, dot(cell, cell) < 0.07 ? vec3(0.0) : vec3(0.55, 0.8, 1.0), 0.7), color.a);
+  }
+  return color;
+}
+`;
+
+/** The chunk of three that adds up the lights, each multiplied by its share. */
+function lightsChunk(THREE) {
+  const where = { pointLight: ["position", "1.0"], spotLight: ["position", "1.0"], directionalLight: ["direction", "0.0"] };
+  let chunk = THREE.ShaderChunk.lights_fragment_begin;
+  for (const [name, [member, w]] of Object.entries(where)) {
+    const from = chunk.search(new RegExp(`${name}\\s*=`)), call = chunk.indexOf("RE_Direct( directLight", from);
+    require(from >= 0 && call >= 0, `THREE: revision ${THREE.REVISION} has an unknown shader of lights`);
+    chunk = `${chunk.slice(0, call)}directLight.color *= umbrage_share( vec4( ${name}.${member}, ${w} ) );\n\t\t${
+      chunk.slice(call)}`;
+  }
+  return `umbrage_look( - vViewPosition );\n${chunk}`;
+}
+
+/** Multiplies a column-major matrix by x y z w; gives x y z. */
+function transform(m, [x, y, z], w) {
+  return [0, 1, 2].map((row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row] * w);
+}
+
+/**
+ * Shadows of one asset for the materials of one renderer.
+ *
+ *     const shadows = new Shadows(THREE, renderer, asset, { taps: 9 });
+ *     shadows.add(scene);                  // its materials
+ *     scene.add(...shadows.makeLights());  // or lights of your own at the same places
+ *     // each frame:
+ *     shadows.update(camera);
+ *     renderer.render(scene, camera);
+ */
+export class Shadows {
+  #THREE;
+  #gl;
+  #asset;
+  #nodes;
+  #unit;
+  #chunk;
+  #materials = new Set();
+  #settings = { lights: [0], taps: 9, filter: "box", bias: "auto", overlay: "none" };
+  #faces = []; // { light, face, at: the placement, place: four numbers }
+  #programs = new WeakMap();
+  #uploaded = false;
+
+  constructor(THREE, renderer, asset, settings = {}) {
+    const gl = renderer.getContext();
+    require(typeof WebGL2RenderingContext === "function" && gl instanceof WebGL2RenderingContext,
+      "renderer: has no WebGL2 context");
+    this.#THREE = THREE;
+    this.#gl = gl;
+    this.#asset = asset;
+    this.#nodes = new WebGLNodes(gl);
+    this.#unit = gl.getParameter(gl.MAX_COMBINED_TEXTURE_IMAGE_UNITS) - 1; // three begins with the first ones
+    this.#chunk = lightsChunk(THREE);
+    this.set(settings);
+  }
+
+  /** Changes settings: lights (numbers or names), taps, filter ("box" or "tent"), bias, overlay. */
+  set(settings) {
+    const next = { ...this.#settings, ...settings }, all = this.#asset.info.lights;
+    require(Number.isInteger(next.taps) && next.taps % 2 === 1 && next.taps > 0 && next.taps < 18,
+      `taps: ${next.taps}, must be odd, from 1 to 17`);
+    require(["box", "tent"].includes(next.filter), `filter: ${next.filter}, must be box or tent`);
+    require(OVERLAYS.includes(next.overlay), `overlay: ${next.overlay}, must be one of ${OVERLAYS.join(", ")}`);
+    const faces = next.lights.flatMap((light) => {
+      const index = typeof light === "string" ? all.findIndex((one) => one.name === light) : light;
+      require(all[index] !== undefined, `lights: there is no light ${String(light).slice(0, 64)}`);
+      return Array.from({ length: all[index].frusta }, (_, face) => ({ light: index, face }));
+    });
+    require(faces.length > 0 && faces.length <= FACES_MAX,
+      `lights: have ${faces.length} frusta, must be 1 to ${FACES_MAX}`);
+    const is_new = faces.length !== this.#faces.length;
+    this.#settings = next;
+    this.#faces = faces;
+    if (is_new) {
+      this.#materials.forEach((material) => this.#define(material));
+    }
+  }
+
+  get settings() {
+    return { ...this.#settings };
+  }
+
+  /** Bytes that the GPU got. */
+  get bytesSent() {
+    return this.#nodes.bytes_sent;
+  }
+
+  #define(material) {
+    material.defines = { ...material.defines, UMBRAGE_FACES: this.#faces.length };
+    material.needsUpdate = true;
+  }
+
+  /** Extends a material, or those of an object and of what it holds. Lambert's and basic materials stay as they are. */
+  add(target) {
+    if (!target.isMaterial) {
+      target.traverse((object) => [object.material ?? []].flat().forEach((material) => this.add(material)));
+    } else if ((target.isMeshStandardMaterial || target.isMeshPhongMaterial) && !this.#materials.has(target)) {
+      const before = target.onBeforeCompile;
+      this.#materials.add(target);
+      this.#define(target);
+      target.onBeforeCompile = (shader, renderer) => {
+        before?.call(target, shader, renderer);
+        this.#extend(shader);
+      };
+      target.customProgramCacheKey = () => `umbrage ${before}`;
+    }
+    return this;
+  }
+
+  #extend(shader) {
+    const gl = this.#gl, shadows = this;
+    shader.fragmentShader = shader.fragmentShader
+      .replace("#include <common>", `#include <common>\n${declarations}`)
+      .replace("#include <lights_fragment_begin>", this.#chunk)
+      .replace(/}\s*$/, "\tif ( umbrage_overlay > 0 ) gl_FragColor = umbrage_mark( gl_FragColor );\n}\n");
+    shader.uniforms.umbrage_taps = {
+      get value() {
+        shadows.#setUniforms(gl.getParameter(gl.CURRENT_PROGRAM));
+        return shadows.#settings.taps;
+      },
+    };
+  }
+
+  /** Sets what three cannot; the program is in use. */
+  #setUniforms(program) {
+    const gl = this.#gl, { filter, overlay } = this.#settings;
+    if (!this.#programs.has(program)) {
+      const names = ["umbrage_data", "umbrage_filter", "umbrage_overlay", "umbrage_lights[0]"];
+      this.#programs.set(program, names.map((name) => gl.getUniformLocation(program, name)));
+    }
+    const [data, of_filter, of_overlay, lights] = this.#programs.get(program);
+    gl.uniform1i(data, this.#unit);
+    gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
+    gl.uniform1i(of_overlay, OVERLAYS.indexOf(overlay));
+    gl.uniform4fv(lights, this.#faces.flatMap(({ place }) => place));
+    this.#faces.forEach(({ at }, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
+  }
+
+  /** Passes what changed in the asset to the GPU. Other state of the context stays. */
+  #upload() {
+    const gl = this.#gl;
+    const active = gl.getParameter(gl.ACTIVE_TEXTURE);
+    gl.activeTexture(gl.TEXTURE0 + this.#unit);
+    this.#nodes.apply(this.#asset.changes());
+    gl.bindTexture(gl.TEXTURE_2D, this.#nodes.texture);
+    gl.activeTexture(active);
+    this.#uploaded = true;
+  }
+
+  /** Call it before each render: places the lights for the camera. changed: pages came since the last call. */
+  update(camera, { changed = true } = {}) {
+    if (changed || !this.#uploaded) {
+      this.#upload();
+    }
+    camera.updateMatrixWorld();
+    const { taps, bias } = this.#settings, { lights } = this.#asset.info;
+    const view = camera.matrixWorldInverse;
+    for (const one of this.#faces) {
+      const { kind, direction, position } = lights[one.light], is_sun = kind === "directional";
+      one.at = this.#asset.placement({ light: one.light, face: one.face, taps, bias,
+        to_world: camera.matrixWorld.elements });
+      one.place = is_sun ? [...transform(view.elements, direction.map((each) => -each), 0), 0]
+        : [...transform(view.elements, position, 1), 1];
+    }
+  }
+
+  /** Lights of three at the places of the asset's, for `settings.lights`. Suns and lamps cast no map of three's. */
+  makeLights({ color = 0xffffff, intensity = 1, reach = 0 } = {}) {
+    const THREE = this.#THREE, { bounds, lights } = this.#asset.info;
+    const middle = [0, 1, 2].map((axis) => (bounds[0][axis] + bounds[1][axis]) / 2);
+    return [...new Set(this.#faces.map(({ light }) => light))].map((index) => {
+      const { kind, direction, position, name } = lights[index], is_sun = kind === "directional";
+      const light = is_sun ? new THREE.DirectionalLight(color, intensity)
+        : kind === "point" ? new THREE.PointLight(color, intensity, reach, 2)
+          : new THREE.SpotLight(color, intensity, reach, 0.48 * Math.PI, 0.4, 2);
+      light.name = name;
+      light.position.set(...(is_sun ? middle.map((each, axis) => each - direction[axis]) : position));
+      if (light.target) {
+        light.target.position.set(...(is_sun ? middle : position.map((each, axis) => each + direction[axis])));
+        light.target.updateMatrixWorld();
+      }
+      return light;
+    });
+  }
+}
