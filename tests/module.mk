@@ -2,6 +2,10 @@
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
+# The shaders' walk as C.
+$(BUILD)/tests/unit/core/test_gpu_walk.o: $(GPU_DIR)/umbrage_gpu.h
+$(BUILD)/tests/unit/core/test_gpu_walk.o: INC_tests += -I$(GPU_DIR)
+
 # Tests are compiled more often than they run.
 ifeq ($(config),release)
 $(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1

@@ -59,7 +59,11 @@ $(VIEWER_FILES): $(WEB_DIR)/viewer/%: client/web/viewer/%
 WEB_LIB := $(BUILD)/libumbrage-web.a
 $(WEB_LIB): $(patsubst %,$(BUILD)/client/web/module/%.o,web_sha256 zstd_frame zstd_fse zstd_literals)
 
-web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE $(VIEWER_FILES) ## the npm package `umbrage` and the page of `umbrage view`, in BUILD/web (clang, lld, wasi-libc)
+$(WEB_PACKAGE)/shaders.js: $(GPU_DIR)/shaders.js
+	@mkdir -p $(@D)
+	$(Q)cp $< $@
+
+web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/shaders.js $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE $(VIEWER_FILES) ## the npm package `umbrage` and the page of `umbrage view`, in BUILD/web (clang, lld, wasi-libc)
 
 # The package where its tools are; tests skip it by its name elsewhere.
 web-if-here:

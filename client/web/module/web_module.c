@@ -12,6 +12,7 @@
 
 #include "base/query_settings.h"
 #include "umbrage/curve.h"
+#include "umbrage/gpu.h"
 #include "umbrage/partial.h"
 #include "web/module/web_sha256.h"
 
@@ -25,6 +26,8 @@ static struct {
     struct umb_light_info light;
     int is_complete; /* 1: all pages are in the last build */
     double numbers[NUMBERS];
+    struct umb_gpu_layout gpu; /* Layout of the array for a GPU; without entries before the first */
+    struct umb_gpu_placement placement;
 } here;
 
 double *EXPORT(umbx_numbers)(void);
@@ -50,6 +53,11 @@ const char *EXPORT(umbx_light)(uint32_t index);
 void EXPORT(umbx_settings_clear)(void);
 int EXPORT(umbx_set)(const char *name, uint32_t index, double value);
 int EXPORT(umbx_set_word)(const char *name, const char *word);
+int EXPORT(umbx_gpu_layout)(double spare);
+uint32_t EXPORT(umbx_gpu_changes)(uint32_t *ranges, uint32_t room);
+void EXPORT(umbx_gpu_write)(uint32_t first, uint32_t count, uint32_t *entries);
+int EXPORT(umbx_gpu_place)(void);
+const void *EXPORT(umbx_gpu_placement)(void);
 int EXPORT(umbx_query)(const void *positions, int is_f64, size_t count, const float *normals,
                        const float *footprints, int want, void *values, float *room);
 int EXPORT(umbx_explain)(double x, double y, double z, int has_normal);
@@ -444,4 +452,58 @@ int umbx_explain(double x, double y, double z, int has_normal)
         step[2] = (double)e.steps[i].index;
     }
     return UMB_OK;
+
+/* --- for GPUs ---------------------------------------------------------------------------------- */
+
+/* Makes a layout, unless the last one has room for what is built. Out: numbers: entries of the
+ * array; 1 if the layout is new: all is then to be copied. */
+int umbx_gpu_layout(double spare)
+{
+    const struct umb_asset *asset = umb_partial_lower(here.partial);
+    enum umb_status status = UMB_OK;
+    here.numbers[1] = here.gpu.entries == 0 || !umb_gpu_layout_fits(asset, &here.gpu);
+    if (here.numbers[1] > 0) {
+        status = umb_gpu_layout_make(asset, whole_of(spare), &here.gpu, &here.error);
+        umb_gpu_forget_changes(here.partial);
+    }
+    here.numbers[0] = here.gpu.entries;
+    return status;
+}
+
+/* Lists ranges of changed entries: pairs of first and count. Returns their number. */
+uint32_t umbx_gpu_changes(uint32_t *ranges, uint32_t room)
+{
+    return (uint32_t)umb_gpu_changes(here.partial, &here.gpu,
+                                     (struct umb_gpu_range *)(void *)ranges, room);
+}
+
+void umbx_gpu_write(uint32_t first, uint32_t count, uint32_t *entries)
+{
+    umb_gpu_write(umb_partial_lower(here.partial), here.partial, &here.gpu, first, count, entries);
+}
+
+/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias. Out: numbers: range
+ * in metres, bounds across and in depth in voxels. */
+int umbx_gpu_place(void)
+{
+    const double *in = here.numbers;
+    struct umb_gpu_precision precision = {0};
+    struct umb_gpu_view view = {.light = whole_of(in[0]),
+                                .has_to_world = in[1] > 0,
+                                .bias_mode = (enum umb_bias_mode)whole_of(in[21]),
+                                .bias = in[22]};
+    memcpy(view.origin, in + 2, sizeof view.origin);
+    memcpy(view.to_world, in + 5, sizeof view.to_world);
+    const enum umb_status status = umb_gpu_place(umb_partial_lower(here.partial), &view,
+                                                 &here.placement, &precision, &here.error);
+    here.numbers[0] = precision.range_m;
+    here.numbers[1] = precision.across;
+    here.numbers[2] = precision.depth;
+    return status;
+}
+
+/* Returns the placement that umbx_gpu_place made: struct umb_gpu_placement. */
+const void *umbx_gpu_placement(void)
+{
+    return &here.placement;
 }

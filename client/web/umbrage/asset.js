@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // An asset of which some pages are held: fetching what a view needs, and queries.
 import { UmbrageError, require } from "./errors.js";
+import { placementOf, takeChanges } from "./gpu_data.js";
 import { heldOf, openFront, update } from "./rounds.js";
 import { Module } from "./module.js";
 
@@ -168,6 +169,20 @@ export class Asset {
 
   held() {
     return { ...heldOf(this.#opened(), this.#counts), module_bytes: this.#module.memoryBytes };
+  }
+
+  /** What changed for a GPU since the last call: see gpu.js. */
+  changes() {
+    return takeChanges(this.#opened());
+  }
+
+  /** What takes a shader's positions to the voxels of a light. */
+  placement({ light = 0, origin = [0, 0, 0], to_world, bias = "auto", bias_unit = "metres" } = {}) {
+    require(to_world === undefined || to_world?.length === 16, "to_world: must be 16 numbers, column major");
+    require(typeof bias === "number" || bias === "auto" || bias === "none", "bias: must be auto, none or a number");
+    const mode = typeof bias === "string" ? bias : bias_unit;
+    return placementOf(this.#opened(), whole(this.#lightNumber(light), "light"), triple(origin, "origin"),
+      to_world && Array.from(to_world), mode, typeof bias === "string" ? 0 : number(bias, "bias"));
   }
 
   /** Gives the module the settings of a query. */

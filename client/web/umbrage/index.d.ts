@@ -191,6 +191,40 @@ export interface Info {
   bounds: [number[], number[]];
 }
 
+/** Entries of 16 bytes that changed for a GPU; gpu.d.ts takes them. It may be posted to another thread. */
+export interface Changes {
+  /** Entries of the whole array. */
+  capacity: number;
+  /** Pairs of first entry and count. */
+  ranges: Uint32Array;
+  /** The entries of all ranges. */
+  words: Uint32Array;
+}
+
+export interface PlacementOptions {
+  /** Number or name of a directional light; 0 by default. */
+  light?: number | string;
+  /** World position of the shader's position 0, 0, 0. */
+  origin?: Triple;
+  /** Instead of `origin`: a rotation and a move to the world, column major, such as a camera's matrix. */
+  to_world?: ArrayLike<number>;
+  bias?: "auto" | "none" | number;
+  bias_unit?: "metres" | "voxels";
+}
+
+/** What takes a shader's positions to the voxels of a light: struct UmbragePlacement. */
+export interface Placement {
+  bytes: ArrayBuffer;
+  /** Its members, as views of `bytes`. */
+  fields: Record<"row_x" | "row_y" | "row_z" | "row_w" | "info", Int32Array> & Record<"low", Uint32Array> &
+    Record<"step_x" | "step_y" | "step_z" | "light", Float32Array>;
+  /** Positions with a coordinate beyond it count as lit. */
+  range_m: number;
+  /** Positions farther than this from a voxel's border get the voxel that `query` looks up; on x and y, and in depth. */
+  bound_voxels: number;
+  bound_depth: number;
+}
+
 /** An open asset. Calls may overlap: `want` calls run one after the other, queries use the pages of the moment. */
 export class Asset {
   readonly info: Info;
@@ -203,6 +237,9 @@ export class Asset {
   /** Explains the answer of one point from the pages that are held; where one is missing, as if shadowed there. */
   explain(point: Triple, settings?: Omit<QuerySettings, "normals"> & { normal?: Triple }): Explanation;
   held(): Held;
+  /** What changed for a GPU since the last call; the first time all. For one consumer. */
+  changes(): Changes;
+  placement(options?: PlacementOptions): Placement;
   /** Frees the asset. */
   close(): Promise<void>;
 }

@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
+# The walk through an asset for shaders: one source, and an include for each language.
+GPU_DIR := $(BUILD)/gpu
+GPU_FILES := $(addprefix $(GPU_DIR)/,umbrage.wgsl umbrage_es.glsl umbrage.glsl umbrage.hlsl umbrage_gpu.h)
+
+$(GPU_FILES) $(GPU_DIR)/shaders.js &: client/gpu/walk.shader client/gpu/shaders.py
+	$(call say,GEN,$(GPU_DIR))
+	$(Q)/usr/bin/python3 client/gpu/shaders.py $< $(GPU_DIR)
+gpu: $(GPU_FILES) ## shader includes for WGSL, GLSL, HLSL, CUDA and C, in BUILD/gpu (python3)
+.PHONY: gpu
