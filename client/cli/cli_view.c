@@ -64,8 +64,8 @@ static const struct umbu_command COMMAND = {
 static enum umb_status find_web(char web[PATH_SIZE], struct umb_error *error)
 {
     static const char *const places[] = {"web", "../share/umbrage/web"};
-    char own[PATH_SIZE], page[PATH_SIZE + 32];
-    for (size_t i = 0; i < 2 && umbc_own_folder(own, sizeof own - 64); i++) {
+    char own[PATH_SIZE / 2], page[PATH_SIZE + 32];
+    for (size_t i = 0; i < 2 && umbc_own_folder(own, sizeof own); i++) {
         (void)snprintf(web, PATH_SIZE, "%s/%s", own, places[i]);
         (void)snprintf(page, sizeof page, "%s/umbrage/umbrage.wasm", web);
         if (access(page, R_OK) == 0) {

@@ -452,6 +452,7 @@ int umbx_explain(double x, double y, double z, int has_normal)
         step[2] = (double)e.steps[i].index;
     }
     return UMB_OK;
+}
 
 /* --- for GPUs ---------------------------------------------------------------------------------- */
 

@@ -9,22 +9,22 @@
 import { WebGLNodes, glsl, setPlacement } from "./gpu.js";
 import { require } from "./errors.js";
 
-const FACES_MAX = 16; // Placements of a material: 10 uniform vectors each
+const LIGHTS_MAX = 16; // Of a material: 11 uniform vectors each
 const OVERLAYS = ["none", "exact", "bound", "state"];
 
 const declarations = `
 ${glsl}
-uniform UmbragePlacement umbrage_at[UMBRAGE_FACES];
-uniform vec4 umbrage_lights[UMBRAGE_FACES]; // Direction towards a sun with w = 0, or position of a lamp with w = 1
+uniform UmbragePlacement umbrage_at[UMBRAGE_LIGHTS];
+uniform vec4 umbrage_lights[UMBRAGE_LIGHTS]; // Direction towards a sun with w = 0, or position of a lamp with w = 1
 uniform int umbrage_taps;
 uniform int umbrage_filter;
 uniform int umbrage_overlay;
-vec2 umbrage_answers[UMBRAGE_FACES]; // Lower and upper limit
+vec2 umbrage_answers[UMBRAGE_LIGHTS]; // Lower and upper limit
 
 // Answers this fragment's point; call it outside of branches, because the normal is that of the surface.
 void umbrage_look(vec3 position) {
   vec3 normal = normalize(cross(dFdx(position), dFdy(position)));
-  for (int i = 0; i < UMBRAGE_FACES; i++) {
+  for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
     umbrage_answers[i] = umbrage_filter == 1 ? umbrage_tent(umbrage_at[i], position, normal, umbrage_taps)
                                              : umbrage_box(umbrage_at[i], position, normal, umbrage_taps);
   }
@@ -33,7 +33,7 @@ void umbrage_look(vec3 position) {
 // Share of a light of the scene that reaches the point.
 float umbrage_share(vec4 light) {
   float share = 1.0;
-  for (int i = 0; i < UMBRAGE_FACES; i++) {
+  for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
     vec4 own = umbrage_lights[i];
     bool is_it = own.w == light.w && (light.w == 0.0 ? dot(own.xyz, light.xyz) > 0.99999
       : distance(own.xyz, light.xyz) < 1e-3 * (1.0 + length(light.xyz)));
@@ -45,7 +45,7 @@ float umbrage_share(vec4 light) {
 // Draws what is not exact as stripes, and where a shadow's boundary crosses the window as dots.
 vec4 umbrage_mark(vec4 color) {
   float missing = 0.0, mixed = 0.0;
-  for (int i = 0; i < UMBRAGE_FACES; i++) {
+  for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
     vec2 both = umbrage_answers[i];
     missing = max(missing, both.y - both.x);
     mixed = max(mixed, both.x > 0.0 && both.x < 1.0 ? 1.0 : 0.0);
@@ -102,7 +102,7 @@ export class Shadows {
   #chunk;
   #materials = new Set();
   #settings = { lights: [0], taps: 9, filter: "box", bias: "auto", overlay: "none" };
-  #faces = []; // { light, face, at: the placement, place: four numbers }
+  #lights = []; // { light: its number, at: its placement, place: four numbers for umbrage_lights }
   #programs = new WeakMap();
   #uploaded = false;
 
@@ -126,16 +126,12 @@ export class Shadows {
       `taps: ${next.taps}, must be odd, from 1 to 17`);
     require(["box", "tent"].includes(next.filter), `filter: ${next.filter}, must be box or tent`);
     require(OVERLAYS.includes(next.overlay), `overlay: ${next.overlay}, must be one of ${OVERLAYS.join(", ")}`);
-    const faces = next.lights.flatMap((light) => {
-      const index = typeof light === "string" ? all.findIndex((one) => one.name === light) : light;
-      require(all[index] !== undefined, `lights: there is no light ${String(light).slice(0, 64)}`);
-      return Array.from({ length: all[index].frusta }, (_, face) => ({ light: index, face }));
-    });
-    require(faces.length > 0 && faces.length <= FACES_MAX,
-      `lights: have ${faces.length} frusta, must be 1 to ${FACES_MAX}`);
-    const is_new = faces.length !== this.#faces.length;
+    const indices = next.lights.map((light) => (typeof light === "string" ? all.findIndex((one) => one.name === light) : light));
+    indices.forEach((index, i) => require(all[index] !== undefined, `lights: there is no light ${String(next.lights[i]).slice(0, 64)}`));
+    require(indices.length > 0 && indices.length <= LIGHTS_MAX, `lights: ${indices.length}, must be 1 to ${LIGHTS_MAX}`);
+    const is_new = indices.length !== this.#lights.length;
     this.#settings = next;
-    this.#faces = faces;
+    this.#lights = indices.map((light) => ({ light }));
     if (is_new) {
       this.#materials.forEach((material) => this.#define(material));
     }
@@ -151,7 +147,7 @@ export class Shadows {
   }
 
   #define(material) {
-    material.defines = { ...material.defines, UMBRAGE_FACES: this.#faces.length };
+    material.defines = { ...material.defines, UMBRAGE_LIGHTS: this.#lights.length };
     material.needsUpdate = true;
   }
 
@@ -197,8 +193,8 @@ export class Shadows {
     gl.uniform1i(data, this.#unit);
     gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
     gl.uniform1i(of_overlay, OVERLAYS.indexOf(overlay));
-    gl.uniform4fv(lights, this.#faces.flatMap(({ place }) => place));
-    this.#faces.forEach(({ at }, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
+    gl.uniform4fv(lights, this.#lights.flatMap(({ place }) => place));
+    this.#lights.forEach(({ at }, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }
 
   /** Passes what changed in the asset to the GPU. Other state of the context stays. */
@@ -218,11 +214,11 @@ export class Shadows {
       this.#upload();
     }
     camera.updateMatrixWorld();
-    const { taps, bias } = this.#settings, { lights } = this.#asset.info;
+    const { bias } = this.#settings, { lights } = this.#asset.info;
     const view = camera.matrixWorldInverse;
-    for (const one of this.#faces) {
+    for (const one of this.#lights) {
       const { kind, direction, position } = lights[one.light], is_sun = kind === "directional";
-      one.at = this.#asset.placement({ light: one.light, face: one.face, taps, bias,
+      one.at = this.#asset.placement({ light: one.light, bias,
         to_world: camera.matrixWorld.elements });
       one.place = is_sun ? [...transform(view.elements, direction.map((each) => -each), 0), 0]
         : [...transform(view.elements, position, 1), 1];
@@ -233,7 +229,7 @@ export class Shadows {
   makeLights({ color = 0xffffff, intensity = 1, reach = 0 } = {}) {
     const THREE = this.#THREE, { bounds, lights } = this.#asset.info;
     const middle = [0, 1, 2].map((axis) => (bounds[0][axis] + bounds[1][axis]) / 2);
-    return [...new Set(this.#faces.map(({ light }) => light))].map((index) => {
+    return this.#lights.map(({ light: index }) => {
       const { kind, direction, position, name } = lights[index], is_sun = kind === "directional";
       const light = is_sun ? new THREE.DirectionalLight(color, intensity)
         : kind === "point" ? new THREE.PointLight(color, intensity, reach, 2)

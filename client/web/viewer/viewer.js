@@ -92,9 +92,8 @@ class Viewer {
   #bind(hash) {
     const { lights } = this.#asset.info, lamps = lights.flatMap(({ kind }, i) => (kind === "directional" ? [] : [i]));
     const suns = lights.flatMap(({ kind }, i) => (kind === "directional" ? [i] : []));
-    const frusta = lamps.reduce((sum, i) => sum + lights[i].frusta, 0);
     const options = lights.map(({ name, kind }, i) => [String(i), `${name} (${kind === "directional" ? "sun" : kind})`]);
-    if (lamps.length > 1 && frusta <= 16) {
+    if (lamps.length > 1 && lamps.length <= 16) {
       options.push([lamps.join(","), `all ${lamps.length} lamps`]);
     }
     byId("light").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
