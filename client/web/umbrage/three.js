@@ -129,10 +129,10 @@ export class Shadows {
     const indices = next.lights.map((light) => (typeof light === "string" ? all.findIndex((one) => one.name === light) : light));
     indices.forEach((index, i) => require(all[index] !== undefined, `lights: there is no light ${String(next.lights[i]).slice(0, 64)}`));
     require(indices.length > 0 && indices.length <= LIGHTS_MAX, `lights: ${indices.length}, must be 1 to ${LIGHTS_MAX}`);
-    const is_new = indices.length !== this.#lights.length;
+    const { length } = this.#lights;
     this.#settings = next;
-    this.#lights = indices.map((light) => ({ light }));
-    if (is_new) {
+    this.#lights = indices.map((light) => this.#lights.find((one) => one.light === light) ?? { light, at: null, place: [0, 0, 0, 2] });
+    if (indices.length !== length) {
       this.#materials.forEach((material) => this.#define(material));
     }
   }
@@ -194,7 +194,7 @@ export class Shadows {
     gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
     gl.uniform1i(of_overlay, OVERLAYS.indexOf(overlay));
     gl.uniform4fv(lights, this.#lights.flatMap(({ place }) => place));
-    this.#lights.forEach(({ at }, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
+    this.#lights.forEach(({ at }, index) => at && setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }
 
   /** Passes what changed in the asset to the GPU. Other state of the context stays. */

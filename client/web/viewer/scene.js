@@ -51,8 +51,12 @@ function plane({ bounds: [low, high] }, up) {
   return mesh;
 }
 
-/** Materials that can have shadows: Lambert's and basic ones become standard ones. */
+/**
+ * Materials that can have shadows: Lambert's and basic ones become standard ones. glTF's default is metal, which is
+ * black without surroundings to reflect.
+ */
 function standard(material) {
+  material.metalness = material.metalnessMap ? material.metalness : 0;
   if (material.isMeshStandardMaterial || material.isMeshPhongMaterial) {
     return material;
   }

@@ -9,6 +9,7 @@ import { Moves } from "./moves.js";
 import { loadScene } from "./scene.js";
 
 const COUNT_SIDE = 128; // Points a side that the share of exact ones is counted on
+const SLOW_MS = 250; // Pictures that take longer are drawn only when all pages of the view are there
 const REST_MS = 150; // After this time without a move the pages of the view are fetched
 const LEGENDS = {
   exact: "Stripes: pages are missing, the answer has bounds only.",
@@ -25,7 +26,7 @@ function fail(error) {
 
 class Viewer {
   /** What tests and the figure line read. */
-  state = { ready: false, loading: 0, exact: 0, points: 0, frame_ms: 0, bound: 0, error: null };
+  state = { ready: false, loading: 0, frames: 0, exact: 0, points: 0, frame_ms: 0, bound: 0, error: null };
   #asset;
   #canvas = byId("picture");
   #renderer;
@@ -35,14 +36,13 @@ class Viewer {
   #moves;
   #shadows;
   #lights = [];
-  #ambient = new THREE.HemisphereLight(0xdfeaf5, 0x6b6257, 0.55);
+  #ambient = new THREE.HemisphereLight(0xdfeaf5, 0x8a8378, 0.5);
   #counter = new THREE.WebGLRenderTarget(COUNT_SIDE, COUNT_SIDE);
   #stop = null;
   #timer = 0;
   #dirty = true;
   #changed = true;
   #last = 0;
-  #frames = 0;
   #size = 1;
 
   async start() {
@@ -76,7 +76,7 @@ class Viewer {
     const casters = Math.hypot(...high.map((each, axis) => each - low[axis]));
     const numbers = (name, otherwise) => hash.get(name)?.split(",").map(Number) ?? otherwise;
     this.#size = Math.max(casters, 1e-3);
-    const away = up === 1 ? [0.45, 0.4, 0.55] : [0.45, -0.55, 0.4];
+    const away = up === 1 ? [0.36, 0.36, 0.46] : [0.36, -0.46, 0.36];
     const far = Math.max(size.length(), this.#size) * 4;
     this.#camera = new THREE.PerspectiveCamera(Number(hash.get("fov") ?? 50), 1, this.#size / 5000, far);
     this.#camera.up.set(0, up === 1 ? 1 : 0, up === 2 ? 1 : 0);
@@ -149,7 +149,7 @@ class Viewer {
     const place = suns.indexOf(indices[0]);
     this.#shadows.set({ lights: indices });
     this.#scene.remove(...this.#lights);
-    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: 2.6, reach: this.#size * 2 });
+    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: 0.85, reach: this.#size * 2 });
     this.#scene.add(...this.#lights);
     if (place >= 0) {
       byId("sun").value = place;
@@ -191,7 +191,10 @@ class Viewer {
   #moved() {
     this.#dirty = true;
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#want(this.#views()), REST_MS);
+    this.#timer = setTimeout(() => {
+      this.#changed = this.#dirty = true;
+      this.#want(this.#views());
+    }, REST_MS);
     this.#placeMark();
   }
 
@@ -208,12 +211,13 @@ class Viewer {
     this.#stop?.abort(new DOMException("a later view", "AbortError"));
     this.#stop = stop;
     this.state.loading++;
-    const came = () => {
-      this.#changed = this.#dirty = true;
+    const came = (is_last) => {
+      this.#changed = true;
+      this.#dirty ||= is_last || this.state.frame_ms < SLOW_MS; // Without a GPU a picture takes seconds
     };
     try {
-      await this.#asset.want(views, { signal: stop.signal, progress: came });
-      came();
+      await this.#asset.want(views, { signal: stop.signal, progress: () => came(false) });
+      came(true);
     } catch (error) {
       if (!stop.signal.aborted) {
         this.state.error = error;
@@ -255,13 +259,16 @@ class Viewer {
     const begun = performance.now(), pixel = new Uint8Array(4);
     this.#renderer.setClearColor(new THREE.Color(sky).convertSRGBToLinear(), 1);
     this.#shadows.update(this.#camera, { changed: this.#changed });
+    const counts = this.#changed;
     this.#changed = false;
     this.#renderer.render(this.#scene, this.#camera);
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // Waits for the picture
     this.state.frame_ms = performance.now() - begun;
     this.state.direction = this.#camera.getWorldDirection(new THREE.Vector3()).toArray().join(" ");
-    this.#count();
-    this.#frames++;
+    if (counts) { // Not while the camera moves
+      this.#count();
+    }
+    this.state.frames++;
     this.#showFigures().catch(fail);
   }
 
@@ -302,23 +309,33 @@ class Viewer {
 
   // --- a point's explanation ---
 
-  /** Explains the point at a place of the picture, 0 to 1 from the left and from above. */
-  async explainAt(x, y) {
+  get asset() {
+    return this.#asset;
+  }
+
+  /** The point at a place of the picture, 0 to 1 from the left and from above, and its normal; null: sky. */
+  pointAt(x, y) {
     const ray = new THREE.Raycaster(), pointer = new THREE.Vector2(2 * x - 1, 1 - 2 * y);
     ray.setFromCamera(pointer, this.#camera);
     const [hit] = ray.intersectObject(this.#root, true);
     if (!hit) {
-      this.#unmark();
       return null;
     }
     const normal = hit.face.normal.clone().applyMatrix3(new THREE.Matrix3().getNormalMatrix(hit.object.matrixWorld)).normalize();
     if (normal.dot(ray.ray.direction) > 0) {
       normal.negate();
     }
-    return this.#explain(hit.point, normal);
+    return { place: hit.point, facing: normal };
   }
 
-  async #explain(place, facing) {
+  /** Explains the point at a place of the picture. */
+  async explainAt(x, y) {
+    const found = this.pointAt(x, y);
+    if (!found) {
+      this.#unmark();
+      return null;
+    }
+    const { place, facing } = found;
     const { lights, taps, filter } = this.#shadows.settings, point = place.toArray();
     const normal = Array.from(Float32Array.from(facing.toArray())); // As a file of points holds it
     const settings = { light: lights[0], taps, filter, bounds: true, normals: Float32Array.from(normal) };
