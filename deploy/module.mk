@@ -86,7 +86,7 @@ install-python: python ## install the Python module under DESTDIR and pythondir
 	install -d $(DESTDIR)$(pythondir)/umbrage
 	install -m 0644 $(PYTHON_OUT) $(PYTHON_DIR)/_declarations.py $(DESTDIR)$(pythondir)/umbrage
 
-install: all man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
+install: all gpu man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
@@ -102,7 +102,8 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -d $(DESTDIR)$(datadir)
 	install -m 0644 deploy/haproxy/haproxy.cfg deploy/nginx/umbrage-assets.conf deploy/caddy/Caddyfile deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
-	install -d $(DESTDIR)$(datadir)/slurm
+	install -d $(DESTDIR)$(datadir)/slurm $(DESTDIR)$(datadir)/gpu
+	install -m 0644 $(GPU_FILES) $(DESTDIR)$(datadir)/gpu
 	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf

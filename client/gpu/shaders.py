@@ -3,7 +3,7 @@
 """
 Makes the shader includes of all languages from walk.shader.
 
-    shaders.py walk.shader FOLDER    writes umbrage.wgsl, umbrage_es.glsl, umbrage.glsl, umbrage.hlsl, umbrage_gpu.h and
+    shaders.py walk.shader FOLDER    writes umbrage.wgsl, umbrage_es.glsl, umbrage.glsl, umbrage.hlsl, umbrage.cuh and
                                      shaders.js, a module with the two texts that browsers take
 
 The source is GLSL of a narrow kind. GLSL takes it as it is; for the others names of types change, WGSL declares in its own
@@ -187,7 +187,7 @@ def make(source):
     end = "\n#endif\n"
     texts = {"umbrage.wgsl": NOTE + WGSL + to_wgsl(source), "umbrage_es.glsl": NOTE + GLSL_ES + source + end,
              "umbrage.glsl": NOTE + GLSL + source + end, "umbrage.hlsl": NOTE + HLSL + to_hlsl(source) + end,
-             "umbrage_gpu.h": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
+             "umbrage.cuh": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
     quoted = {name: text.replace("\\", "\\\\").replace("`", "'") for name, text in texts.items()}
     texts["shaders.js"] = NOTE + "".join(
         f"export const {name} = `{quoted[file]}`;\n" for name, file in (("glsl", "umbrage_es.glsl"), ("wgsl", "umbrage.wgsl")))

@@ -491,23 +491,27 @@ vec4 umbrage_bias(UmbragePlacement at, vec3 normal, float length2, float taps, f
 ivec4 umbrage_place_steps(UmbragePlacement at, vec3 position, vec3 normal, float taps, float steps)
 {
     float length2 = normal.x * normal.x + normal.y * normal.y + normal.z * normal.z;
-    vec4 bias = vec4(at.light.w / at.step_z.w, 0.0, 0.0, 0.0);
+    vec4 bias = vec4(0.0, 0.0, 0.0, 0.0);
+    vec3 along = vec3(0.0 - at.light.x, 0.0 - at.light.y, 0.0 - at.light.z);
     if (length2 > 0.0) {
         if (umbrage_dot(normal, at.light) >= 0.0) {
             return ivec4(0, 0, 0, 2);
         }
         bias = umbrage_bias(at, normal, length2, taps, steps);
+        along = normal;
     } else if (at.info.z == 1) {
-        bias = vec4(0.29318577 * (2.0 * taps + 1.0) * steps, 0.0, 0.0, 0.0);
+        bias.w = 0.29318577 * (2.0 * taps + 1.0) * steps * at.step_z.w;
+    } else {
+        bias.w = at.light.w;
     }
     float scale = at.step_x.w;
     float limit = 1073741824.0;
     if (!(abs(position.x * scale) < limit && abs(position.y * scale) < limit && abs(position.z * scale) < limit)) {
         return ivec4(0, 0, 0, 1);
     }
-    ivec3 units = ivec3(int(position.x * scale) + int(normal.x * bias.w * scale),
-                        int(position.y * scale) + int(normal.y * bias.w * scale),
-                        int(position.z * scale) + int(normal.z * bias.w * scale));
+    ivec3 units = ivec3(int(position.x * scale) + int(along.x * bias.w * scale),
+                        int(position.y * scale) + int(along.y * bias.w * scale),
+                        int(position.z * scale) + int(along.z * bias.w * scale));
     uint shift = uint(at.info.x);
     uvec2 x = umbrage_row(at.row_x, at.low.x, units);
     uvec2 y = umbrage_row(at.row_y, at.low.y, units);

@@ -136,8 +136,8 @@ static void write_tops(const struct writing *w)
     }
 }
 
-/* Writes the wanted nodes. A node's first entry is its two masks; in all other entries both assets
- * have the same words. */
+/* Writes the wanted nodes. A node's first entry is its two masks; in its other entries, padding
+ * included, both assets have the same words. Between nodes anything may stand. */
 static void write_nodes(const struct writing *w)
 {
     const uint64_t begin = w->layout->node_first, end = begin + w->lower->node_words / NODE_WORDS;

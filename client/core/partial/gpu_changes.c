@@ -13,8 +13,8 @@ static bool fit_bits(struct umb_partial *p, struct umb__line_bits *lines, uint64
 {
     const size_t words = (size_t)((count + 63) / 64);
     const size_t before = lines->capacity;
-    if (words > before && !umb__grow(&p->alloc, &lines->bits, &lines->capacity, words,
-                                     sizeof *lines->bits)) {
+    if (words > before &&
+        !umb__grow(&p->alloc, &lines->bits, &lines->capacity, words, sizeof *lines->bits)) {
         return false;
     }
     for (size_t i = before; i < lines->capacity; i++) {
@@ -101,9 +101,8 @@ static size_t take(struct umb__line_bits *lines, uint32_t first, uint32_t room,
             lines->bits[last / 64] &= ~((uint64_t)1 << last % 64);
             next = next_line(lines, last + 1, end);
         }
-        ranges[count] =
-            (struct umb_gpu_range){first + (uint32_t)begin * LINE_ENTRIES,
-                                   (uint32_t)(last - begin + 1) * LINE_ENTRIES};
+        ranges[count] = (struct umb_gpu_range){first + (uint32_t)begin * LINE_ENTRIES,
+                                               (uint32_t)(last - begin + 1) * LINE_ENTRIES};
         at = next;
     }
     return count;
@@ -126,8 +125,8 @@ size_t umb_gpu_changes(struct umb_partial *p, const struct umb_gpu_layout *layou
         changes->tops = false;
         ranges[count++] = (struct umb_gpu_range){0, layout->node_first};
     }
-    count += take(&changes->nodes, layout->node_first, layout->node_room, ranges + count,
-                  room - count);
+    count +=
+        take(&changes->nodes, layout->node_first, layout->node_room, ranges + count, room - count);
     count += take(&changes->bricks, layout->brick_first, layout->brick_room, ranges + count,
                   room - count);
     return count;

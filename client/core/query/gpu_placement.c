@@ -72,8 +72,8 @@ static void make_transform(const struct umb_gpu_view *view, const struct umb__co
         for (unsigned i = 0; i < 3; i++) {
             t->rotation[i][k] = view->has_to_world ? view->to_world[4 * k + i] : i == k;
         }
-        t->world[k] = (view->has_to_world ? view->to_world[12 + k] : view->origin[k]) -
-                      content->origin[k];
+        t->world[k] =
+            (view->has_to_world ? view->to_world[12 + k] : view->origin[k]) - content->origin[k];
     }
     for (unsigned axis = 0; axis < 3; axis++) {
         const double *row = frustum->world_to_voxel[axis];
@@ -146,8 +146,8 @@ static void set_bias(const struct umb_gpu_view *view, const struct umb_light_inf
     if (view->bias_mode == UMB_BIAS_METRES) {
         bias = view->bias;
     } else if (view->bias_mode == UMB_BIAS_VOXELS) {
-        bias = view->bias *
-               (umb__length(step[0]) + umb__length(step[1]) + umb__length(step[2])) / 3.0;
+        bias =
+            view->bias * (umb__length(step[0]) + umb__length(step[1]) + umb__length(step[2])) / 3.0;
     }
     set_vector(turned[0], p->step_x[3], p->step_x);
     set_vector(turned[1], umb__lift_texel(frustum), p->step_y);

@@ -63,8 +63,8 @@ struct umb_gpu_range {
 struct umb_gpu_view {
     uint32_t light;   /* Index of the light; directional */
     int has_to_world; /* 1: positions are in the space that to_world takes to the world */
-    /* World position of the shader's position 0, 0, 0; used if has_to_world is 0. Near the receivers
-     * the shader's floats are finest. */
+    /* World position of the shader's position 0, 0, 0; used if has_to_world is 0. The shader's
+     * floats are finest near it. */
     double origin[3];
     /* A move and a rotation: 4x4, column major, such as that of a camera to the world */
     double to_world[16];
@@ -88,9 +88,9 @@ struct umb_gpu_placement {
  * computes from the same position in doubles.
  */
 struct umb_gpu_precision {
-    double range_m; /* Positions with a coordinate beyond this distance from 0 count as lit */
-    double across;  /* Bound of x and y, in voxels */
-    double depth;   /* Bound of z, in voxels */
+    double range_m;       /* Positions with a coordinate beyond this distance from 0 count as lit */
+    double across;        /* Bound of x and y, in voxels */
+    double depth;         /* Bound of z, in voxels */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -454,17 +454,19 @@ int umbx_explain(double x, double y, double z, int has_normal)
     return UMB_OK;
 }
 
-/* --- for GPUs ---------------------------------------------------------------------------------- */
+/* --- for GPUs --------------------------------------------------------------------------------- */
 
-/* Makes a layout, unless the last one has room for what is built. Out: numbers: entries of the
- * array; 1 if the layout is new: all is then to be copied. */
+/* Makes a layout, unless the last one has room for what is built. In: spare: least room, in
+ * entries; at least half of the last array. Out: numbers: entries of the array; 1 if the layout is
+ * new: all is then to be copied. */
 int umbx_gpu_layout(double spare)
 {
     const struct umb_asset *asset = umb_partial_lower(here.partial);
     enum umb_status status = UMB_OK;
     here.numbers[1] = here.gpu.entries == 0 || !umb_gpu_layout_fits(asset, &here.gpu);
     if (here.numbers[1] > 0) {
-        status = umb_gpu_layout_make(asset, whole_of(spare), &here.gpu, &here.error);
+        const uint32_t least = whole_of(spare), half = here.gpu.entries / 2;
+        status = umb_gpu_layout_make(asset, half > least ? half : least, &here.gpu, &here.error);
         umb_gpu_forget_changes(here.partial);
     }
     here.numbers[0] = here.gpu.entries;

@@ -37,7 +37,7 @@ export class WebGLNodes {
 
   /** Copies what changed. `changes`: what asset.changes() gave, in their order. Restores the bound texture. */
   apply(changes) {
-    const gl = this.#gl, bound = gl.getParameter(gl.TEXTURE_BINDING_2D);
+    const gl = this.#gl, bound = gl.getParameter(gl.TEXTURE_BINDING_2D), before = this.texture;
     const buffer = gl.getParameter(gl.PIXEL_UNPACK_BUFFER_BINDING), stores = [];
     for (const [name, value] of [["UNPACK_ALIGNMENT", 4], ["UNPACK_ROW_LENGTH", 0], ["UNPACK_SKIP_ROWS", 0],
       ["UNPACK_SKIP_PIXELS", 0], ["UNPACK_FLIP_Y_WEBGL", false], ["UNPACK_PREMULTIPLY_ALPHA_WEBGL", false]]) {
@@ -48,7 +48,7 @@ export class WebGLNodes {
     this.#fit(changes.capacity);
     gl.bindTexture(gl.TEXTURE_2D, this.texture);
     eachRange(changes, (first, count, words) => this.#put(first, count, words));
-    gl.bindTexture(gl.TEXTURE_2D, bound);
+    gl.bindTexture(gl.TEXTURE_2D, bound === before ? this.texture : bound); // `before` may be deleted
     gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, buffer);
     for (const [name, value] of stores) {
       gl.pixelStorei(name, value);
@@ -124,11 +124,18 @@ export class WebGPUNodes {
   }
 }
 
-/** Sets a uniform of type UmbragePlacement of the program in use. */
+const places = new WeakMap(); // Of uniforms, by program, name and field
+
+/** Sets a uniform of type UmbragePlacement of the program in use. `name` may be that of an array's element. */
 export function setPlacement(gl, program, name, { fields }) {
+  const known = places.get(program) ?? new Map();
+  places.set(program, known);
   for (const [field, values] of Object.entries(fields)) {
-    const place = gl.getUniformLocation(program, `${name}.${field}`);
-    const set = values instanceof Float32Array ? "uniform4fv" : values instanceof Int32Array ? "uniform4iv" : "uniform4uiv";
+    const key = `${name}.${field}`;
+    if (!known.has(key)) {
+      known.set(key, gl.getUniformLocation(program, key));
+    }
+    const place = known.get(key), set = values instanceof Float32Array ? "uniform4fv" : values instanceof Int32Array ? "uniform4iv" : "uniform4uiv";
     gl[set](place, values);
   }
 }
