@@ -3,11 +3,12 @@
 import type { Asset } from "./index.js";
 
 export interface ShadowSettings {
-  /** Numbers or names of the asset's lights, at most 16 frusta together; [0] by default. */
+  /** Numbers or names of the asset's lights, at most 16; [0] by default. */
   lights?: (number | string)[];
   /** Width of the window in texels: odd, 1 to 17; 9 by default. */
   taps?: number;
-  filter?: "box" | "tent";
+  /** Box and tent are answered by the shader for suns; the others, and all of lamps, by answer(). */
+  filter?: "box" | "tent" | "gaussian" | "penumbra";
   /** "auto", "none" or metres. */
   bias?: "auto" | "none" | number;
   /** "exact": stripes where pages are missing; "bound": also dots where a boundary crosses the window; "state": for counting. */
@@ -31,6 +32,10 @@ export class Shadows {
   readonly bytesSent: number;
   /** Call it before each render. changed: false if no pages came since the last call. */
   update(camera: object, options?: { changed?: boolean }): void;
+  /** True if the shader answers; else call answer() after each move of the camera. */
+  readonly byShader: boolean;
+  /** Answers the picture by the core, in width x height pixels; the next render shows the answers. */
+  answer(scene: object, camera: object, width: number, height: number): Promise<void>;
   /** Lights of three at the places of the asset's. */
   makeLights(settings?: LightSettings): object[];
 }

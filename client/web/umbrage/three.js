@@ -8,9 +8,12 @@
 // program is in use: three asks for the value of the uniform umbrage_taps then.
 import { WebGLNodes, glsl, setPlacement } from "./gpu.js";
 import { require } from "./errors.js";
+import { PixelAnswers } from "./three_pixels.js";
 
 const LIGHTS_MAX = 16; // Of a material: 11 uniform vectors each
-const OVERLAYS = ["none", "exact", "bound", "state"];
+const OVERLAYS = ["none", "exact", "bound", "state", "position", "normal"]; // The last three: for reading back
+const SHADER_FILTERS = ["box", "tent"]; // The core answers the others
+const FILTERS = [...SHADER_FILTERS, "gaussian", "penumbra"];
 
 const declarations = `
 ${glsl}
@@ -20,13 +23,28 @@ uniform int umbrage_taps;
 uniform int umbrage_filter;
 uniform int umbrage_overlay;
 vec2 umbrage_answers[UMBRAGE_LIGHTS]; // Lower and upper limit
+vec3 umbrage_position, umbrage_normal;
+#if UMBRAGE_PIXELS
+uniform highp sampler2DArray umbrage_pixels; // A layer a light; empty: nothing is answered yet
+uniform vec2 umbrage_size; // Of this picture in pixels
+#endif
 
 // Answers this fragment's point; call it outside of branches, because the normal is that of the surface.
 void umbrage_look(vec3 position) {
-  vec3 normal = normalize(cross(dFdx(position), dFdy(position)));
+  umbrage_position = position;
+  umbrage_normal = normalize(cross(dFdx(position), dFdy(position)));
+  if (umbrage_overlay > 3) {
+    return;
+  }
   for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
-    umbrage_answers[i] = umbrage_filter == 1 ? umbrage_tent(umbrage_at[i], position, normal, umbrage_taps)
-                                             : umbrage_box(umbrage_at[i], position, normal, umbrage_taps);
+#if UMBRAGE_PIXELS
+    ivec2 size = textureSize(umbrage_pixels, 0).xy;
+    umbrage_answers[i] = size.x < 2 ? vec2(0.0, 1.0)
+      : texelFetch(umbrage_pixels, ivec3(ivec2(gl_FragCoord.xy / umbrage_size * vec2(size)), i), 0).xy;
+#else
+    umbrage_answers[i] = umbrage_filter == 1 ? umbrage_tent(umbrage_at[i], position, umbrage_normal, umbrage_taps)
+                                             : umbrage_box(umbrage_at[i], position, umbrage_normal, umbrage_taps);
+#endif
   }
 }
 
@@ -44,6 +62,9 @@ float umbrage_share(vec4 light) {
 
 // Draws what is not exact as stripes, and where a shadow's boundary crosses the window as dots.
 vec4 umbrage_mark(vec4 color) {
+  if (umbrage_overlay > 3) {
+    return vec4(umbrage_overlay == 4 ? umbrage_position : umbrage_normal, 1.0);
+  }
   float missing = 0.0, mixed = 0.0;
   for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
     vec2 both = umbrage_answers[i];
@@ -105,6 +126,9 @@ export class Shadows {
   #lights = []; // { light: its number, at: its placement, place: four numbers for umbrage_lights }
   #programs = new WeakMap();
   #uploaded = false;
+  #renderer;
+  #pixels;
+  #layout = ""; // What the shader's text depends on
 
   constructor(THREE, renderer, asset, settings = {}) {
     const gl = renderer.getContext();
@@ -113,26 +137,30 @@ export class Shadows {
     this.#THREE = THREE;
     this.#gl = gl;
     this.#asset = asset;
+    this.#renderer = renderer;
     this.#nodes = new WebGLNodes(gl);
-    this.#unit = gl.getParameter(gl.MAX_COMBINED_TEXTURE_IMAGE_UNITS) - 1; // three begins with the first ones
+    this.#pixels = new PixelAnswers(THREE, gl, asset);
+    this.#unit = gl.getParameter(gl.MAX_COMBINED_TEXTURE_IMAGE_UNITS) - 2; // And the next; three takes the first ones
+    this.#pixels.clear(this.#unit + 1);
     this.#chunk = lightsChunk(THREE);
     this.set(settings);
   }
 
-  /** Changes settings: lights (numbers or names), taps, filter ("box" or "tent"), bias, overlay. */
+  /** Changes settings: lights (numbers or names), taps, filter, bias, overlay. */
   set(settings) {
     const next = { ...this.#settings, ...settings }, all = this.#asset.info.lights;
     require(Number.isInteger(next.taps) && next.taps % 2 === 1 && next.taps > 0 && next.taps < 18,
       `taps: ${next.taps}, must be odd, from 1 to 17`);
-    require(["box", "tent"].includes(next.filter), `filter: ${next.filter}, must be box or tent`);
+    require(FILTERS.includes(next.filter), `filter: ${next.filter}, must be one of ${FILTERS.join(", ")}`);
     require(OVERLAYS.includes(next.overlay), `overlay: ${next.overlay}, must be one of ${OVERLAYS.join(", ")}`);
     const indices = next.lights.map((light) => (typeof light === "string" ? all.findIndex((one) => one.name === light) : light));
     indices.forEach((index, i) => require(all[index] !== undefined, `lights: there is no light ${String(next.lights[i]).slice(0, 64)}`));
     require(indices.length > 0 && indices.length <= LIGHTS_MAX, `lights: ${indices.length}, must be 1 to ${LIGHTS_MAX}`);
-    const { length } = this.#lights;
     this.#settings = next;
     this.#lights = indices.map((light) => this.#lights.find((one) => one.light === light) ?? { light, at: null, place: [0, 0, 0, 2] });
-    if (indices.length !== length) {
+    const layout = `${this.byShader} ${indices.length}`;
+    if (layout !== this.#layout) {
+      this.#layout = layout;
       this.#materials.forEach((material) => this.#define(material));
     }
   }
@@ -141,13 +169,20 @@ export class Shadows {
     return { ...this.#settings };
   }
 
+  /** True if the shader knows lights and filter; else call answer() after each move of the camera. */
+  get byShader() {
+    return SHADER_FILTERS.includes(this.#settings.filter) &&
+      this.#lights.every(({ light }) => this.#asset.info.lights[light].kind === "directional");
+  }
+
   /** Bytes that the GPU got. */
   get bytesSent() {
     return this.#nodes.bytes_sent;
   }
 
   #define(material) {
-    material.defines = { ...material.defines, UMBRAGE_LIGHTS: this.#lights.length };
+    material.defines = { ...material.defines, UMBRAGE_LIGHTS: this.#lights.length,
+      UMBRAGE_PIXELS: this.byShader ? 0 : 1 };
     material.needsUpdate = true;
   }
 
@@ -186,15 +221,19 @@ export class Shadows {
   #setUniforms(program) {
     const gl = this.#gl, { filter, overlay } = this.#settings;
     if (!this.#programs.has(program)) {
-      const names = ["umbrage_data", "umbrage_filter", "umbrage_overlay", "umbrage_lights[0]"];
+      const names = ["umbrage_data", "umbrage_filter", "umbrage_overlay", "umbrage_lights[0]", "umbrage_pixels",
+        "umbrage_size"];
       this.#programs.set(program, names.map((name) => gl.getUniformLocation(program, name)));
     }
-    const [data, of_filter, of_overlay, lights] = this.#programs.get(program);
+    const [data, of_filter, of_overlay, lights, pixels, size] = this.#programs.get(program);
+    const [, , width, height] = gl.getParameter(gl.VIEWPORT);
     gl.uniform1i(data, this.#unit);
+    gl.uniform1i(pixels, this.#unit + 1);
+    gl.uniform2f(size, width, height);
     gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
     gl.uniform1i(of_overlay, OVERLAYS.indexOf(overlay));
     gl.uniform4fv(lights, this.#lights.flatMap(({ place }) => place));
-    this.#lights.forEach(({ at }, index) => at && setPlacement(gl, program, `umbrage_at[${index}]`, at));
+    this.#lights.forEach(({ at }, index) => at !== null && setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }
 
   /** Passes what changed in the asset to the GPU. Other state of the context stays. */
@@ -210,7 +249,7 @@ export class Shadows {
 
   /** Call it before each render: places the lights for the camera. changed: pages came since the last call. */
   update(camera, { changed = true } = {}) {
-    if (changed || !this.#uploaded) {
+    if (this.byShader && (changed || !this.#uploaded)) {
       this.#upload();
     }
     camera.updateMatrixWorld();
@@ -218,11 +257,27 @@ export class Shadows {
     const view = camera.matrixWorldInverse;
     for (const one of this.#lights) {
       const { kind, direction, position } = lights[one.light], is_sun = kind === "directional";
-      one.at = this.#asset.placement({ light: one.light, bias,
+      one.at = !this.byShader ? null : this.#asset.placement({ light: one.light, bias,
         to_world: camera.matrixWorld.elements });
       one.place = is_sun ? [...transform(view.elements, direction.map((each) => -each), 0), 0]
         : [...transform(view.elements, position, 1), 1];
     }
+  }
+
+  /**
+   * Answers the picture by the core, in width x height pixels, where the shader cannot (lamps, other filters). The next
+   * render shows the answers, for the same camera.
+   */
+  async answer(scene, camera, width, height) {
+    const { overlay, taps, filter, bias } = this.#settings;
+    camera.updateMatrixWorld();
+    const draw = (kind) => {
+      this.set({ overlay: kind });
+      this.#renderer.render(scene, camera);
+      this.set({ overlay });
+    };
+    await this.#pixels.update(this.#renderer, draw, { width, height, matrix: [...camera.matrixWorld.elements],
+      lights: this.#lights.map(({ light }) => light), settings: { taps, filter, bias }, unit: this.#unit + 1 });
   }
 
   /** Lights of three at the places of the asset's, for `settings.lights`. Suns and lamps cast no map of three's. */

@@ -41,6 +41,7 @@ class Viewer {
   #stop = null;
   #timer = 0;
   #dirty = true;
+  #drawing = false;
   #changed = true;
   #last = 0;
   #size = 1;
@@ -132,7 +133,7 @@ class Viewer {
       this.#shadows.set({ taps: Number(control.value) });
       byId("taps-text").textContent = `${control.value} x ${control.value}`;
     } else if (name === "filter") {
-      this.#shadows.set({ filter: control.value });
+      this.#setFilter(control.value).catch(fail);
     } else if (name === "overlay") {
       this.#shadows.set({ overlay: control.value });
       byId("legend").textContent = LEGENDS[control.value] ?? "";
@@ -141,6 +142,22 @@ class Viewer {
       this.#moves.mode = control.value;
       byId("pad").hidden = control.value !== "walk";
     }
+    this.#moved();
+  }
+
+  /** Penumbras need the whole asset, and what not every asset has: the core says what is missing. */
+  async #setFilter(filter) {
+    if (filter === "penumbra") {
+      await this.#want([{}]);
+    }
+    try {
+      const { taps, lights } = this.#shadows.settings;
+      await this.#asset.query(new Float64Array(3), { taps, filter, light: lights[0], want: false });
+    } catch (error) {
+      byId("filter").value = this.#shadows.settings.filter;
+      throw error;
+    }
+    this.#shadows.set({ filter });
     this.#moved();
   }
 
@@ -245,22 +262,30 @@ class Viewer {
     if (!this.#dirty || this.state.error) {
       return;
     }
-    this.#dirty = false;
-    try {
-      this.#draw();
-    } catch (error) {
-      this.state.error = error;
-      fail(error);
+    if (!this.#drawing) {
+      this.#dirty = false;
+      this.#drawing = true;
+      this.#draw().catch((error) => {
+        this.state.error = error;
+        fail(error);
+      }).finally(() => {
+        this.#drawing = false;
+      });
     }
   }
 
-  #draw() {
+  async #draw() {
     const sky = getComputedStyle(document.documentElement).getPropertyValue("--sky").trim(), gl = this.#renderer.getContext();
     const begun = performance.now(), pixel = new Uint8Array(4);
     this.#renderer.setClearColor(new THREE.Color(sky).convertSRGBToLinear(), 1);
     this.#shadows.update(this.#camera, { changed: this.#changed });
     const counts = this.#changed;
     this.#changed = false;
+    if (!this.#shadows.byShader) { // Coarse while the camera moves
+      const { width, height } = this.#canvas, share = counts ? 1 : 4;
+      await this.#shadows.answer(this.#scene, this.#camera, Math.ceil(width / share), Math.ceil(height / share));
+      this.#shadows.update(this.#camera, { changed: false });
+    }
     this.#renderer.render(this.#scene, this.#camera);
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // Waits for the picture
     this.state.frame_ms = performance.now() - begun;
@@ -269,7 +294,7 @@ class Viewer {
       this.#count();
     }
     this.state.frames++;
-    this.#showFigures().catch(fail);
+    await this.#showFigures();
   }
 
   /** Counts the exact points of a small picture. */
