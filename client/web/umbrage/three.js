@@ -5,7 +5,7 @@
 // A material's shader is extended by onBeforeCompile. Each light of the scene that stands where a light of the asset
 // stands is multiplied by the asset's answer, and by three's own map if it casts one. The asset's data are in one
 // texture and in uniforms of integers, which old versions of three cannot set. So this module sets them while the
-// program is in use: three asks for the value of the uniform umbrage_taps then.
+// program is in use: three asks for the value of the uniform umbrage_overlay then.
 import { WebGLNodes, glsl, setPlacement } from "./gpu.js";
 import { require } from "./errors.js";
 import { PixelAnswers } from "./three_pixels.js";
@@ -209,29 +209,29 @@ export class Shadows {
       .replace("#include <common>", `#include <common>\n${declarations}`)
       .replace("#include <lights_fragment_begin>", this.#chunk)
       .replace(/}\s*$/, "\tif ( umbrage_overlay > 0 ) gl_FragColor = umbrage_mark( gl_FragColor );\n}\n");
-    shader.uniforms.umbrage_taps = {
+    shader.uniforms.umbrage_overlay = {
       get value() {
         shadows.#setUniforms(gl.getParameter(gl.CURRENT_PROGRAM));
-        return shadows.#settings.taps;
+        return OVERLAYS.indexOf(shadows.#settings.overlay);
       },
     };
   }
 
   /** Sets what three cannot; the program is in use. */
   #setUniforms(program) {
-    const gl = this.#gl, { filter, overlay } = this.#settings;
+    const gl = this.#gl, { filter, taps } = this.#settings;
     if (!this.#programs.has(program)) {
-      const names = ["umbrage_data", "umbrage_filter", "umbrage_overlay", "umbrage_lights[0]", "umbrage_pixels",
+      const names = ["umbrage_data", "umbrage_filter", "umbrage_taps", "umbrage_lights[0]", "umbrage_pixels",
         "umbrage_size"];
       this.#programs.set(program, names.map((name) => gl.getUniformLocation(program, name)));
     }
-    const [data, of_filter, of_overlay, lights, pixels, size] = this.#programs.get(program);
+    const [data, of_filter, of_taps, lights, pixels, size] = this.#programs.get(program);
     const [, , width, height] = gl.getParameter(gl.VIEWPORT);
     gl.uniform1i(data, this.#unit);
     gl.uniform1i(pixels, this.#unit + 1);
     gl.uniform2f(size, width, height);
     gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
-    gl.uniform1i(of_overlay, OVERLAYS.indexOf(overlay));
+    gl.uniform1i(of_taps, taps);
     gl.uniform4fv(lights, this.#lights.flatMap(({ place }) => place));
     this.#lights.forEach(({ at }, index) => at !== null && setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }

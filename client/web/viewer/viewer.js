@@ -166,7 +166,7 @@ class Viewer {
     const place = suns.indexOf(indices[0]);
     this.#shadows.set({ lights: indices });
     this.#scene.remove(...this.#lights);
-    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: 0.85, reach: this.#size * 2 });
+    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: this.#shadows.byShader ? 0.85 : 0.6, reach: this.#size * 2 });
     this.#scene.add(...this.#lights);
     if (place >= 0) {
       byId("sun").value = place;
@@ -277,7 +277,7 @@ class Viewer {
   async #draw() {
     const sky = getComputedStyle(document.documentElement).getPropertyValue("--sky").trim(), gl = this.#renderer.getContext();
     const begun = performance.now(), pixel = new Uint8Array(4);
-    this.#renderer.setClearColor(new THREE.Color(sky).convertSRGBToLinear(), 1);
+    this.#renderer.setClearColor(new THREE.Color(sky), 1);
     this.#shadows.update(this.#camera, { changed: this.#changed });
     const counts = this.#changed;
     this.#changed = false;
