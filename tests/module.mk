@@ -3,8 +3,8 @@
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 # The shaders' walk as C.
-$(BUILD)/tests/unit/core/test_gpu_walk.o: $(GPU_DIR)/umbrage.cuh
-$(BUILD)/tests/unit/core/test_gpu_walk.o: INC_tests += -I$(GPU_DIR)
+$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: $(GPU_DIR)/umbrage.cuh
+$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: INC_tests += -I$(GPU_DIR)
 
 # Tests are compiled more often than they run.
 ifeq ($(config),release)

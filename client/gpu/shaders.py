@@ -158,12 +158,13 @@ def to_c(source):
     reading = "|".join(readers(source))
     source = re.sub(r"(\d\.\d+)\b", r"\1f", source)
     source = FUNCTION.sub(r"UMBRAGE_FUNCTION \1 \2(\3)", source)
+    source = re.sub(r"\bUmbragePlacement (\w+\[6\])", r"const UmbragePlacement \1", source)
     source = re.sub(rf"^(UMBRAGE_FUNCTION \w+ (?:{reading})\()", r"\1const uint4 *data, ", source, flags=re.MULTILINE)
     source = re.sub(rf"(?<!\w )\b({reading})\((?!const uint4)", r"\1(data, ", source)
     source = re.sub(r"\b(uint|int|float)\(", lambda found: f"({SCALARS[found.group(1)][0]})(", source)
     source = re.sub(r"\b(u?i?vec[234])\(", lambda found: f"make_{VECTORS[found.group(1)][0]}(", source)
     source = re.sub(r"^struct (Umbrage\w+) \{(.*?)^\};", r"typedef struct {\2} \1;", source, flags=re.MULTILINE | re.DOTALL)
-    source = re.sub(r"\b(abs|sqrt)\(", lambda found: {"abs": "fabsf("}.get(found.group(1), found.group(1) + "f("), source)
+    source = re.sub(r"\b(abs|sqrt|floor)\(", lambda found: {"abs": "fabsf("}.get(found.group(1), found.group(1) + "f("), source)
     names = {glsl: hlsl for glsl, (hlsl, _) in VECTORS.items()} | {"uint": "uint32_t", "int": "int32_t"}
     return "\n".join(line if line.lstrip().startswith("//") else words(line, names) for line in source.split("\n"))
 
@@ -171,6 +172,7 @@ def to_c(source):
 def to_wgsl(source):
     def head(found):
         arguments = [argument.split() for argument in found.group(3).split(", ")]
+        arguments = [(f"array<{kind}, {name[-2]}>", name[:-3]) if name.endswith("]") else (kind, name) for kind, name in arguments]
         return f"fn {found.group(2)}({', '.join(f'{name}: {kind}' for kind, name in arguments)}) -> {found.group(1)}"
 
     source = FUNCTION.sub(head, source)
@@ -188,9 +190,10 @@ def make(source):
     texts = {"umbrage.wgsl": NOTE + WGSL + to_wgsl(source), "umbrage_es.glsl": NOTE + GLSL_ES + source + end,
              "umbrage.glsl": NOTE + GLSL + source + end, "umbrage.hlsl": NOTE + HLSL + to_hlsl(source) + end,
              "umbrage.cuh": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
-    quoted = {name: text.replace("\\", "\\\\").replace("`", "'") for name, text in texts.items()}
+    # Without comments and indents: they go over the web.
+    short = {name: re.sub(r"\n\s+", "\n", re.sub(r"\s*//.*", "", text)).lstrip() for name, text in texts.items()}
     texts["shaders.js"] = NOTE + "".join(
-        f"export const {name} = `{quoted[file]}`;\n" for name, file in (("glsl", "umbrage_es.glsl"), ("wgsl", "umbrage.wgsl")))
+        f"export const {name} = `{short[file]}`;\n" for name, file in (("glsl", "umbrage_es.glsl"), ("wgsl", "umbrage.wgsl")))
     return texts
 
 

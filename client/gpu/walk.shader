@@ -18,13 +18,21 @@ struct UmbragePlacement {
     ivec4 row_x; // Voxels for each unit of position, in 2^-shift; w: upper half of the voxel of position 0
     ivec4 row_y;
     ivec4 row_z;
-    ivec4 row_w; // Of spot and point lights: distance along the face's axis
+    ivec4 row_w; // Of lamps, which are spot, point and area lights: W, the distance along the face's axis
     uvec4 low;   // Lower halves of the voxel of position 0
-    ivec4 info;  // Shift less 32; frustum; mode of the bias; 1 for a spot or point light
-    vec4 step_x; // Edge of a voxel in metres; w: units of position in a metre
-    vec4 step_y; // w: voxels of depth that are as long as a texel is wide
-    vec4 step_z; // w: length in metres of a voxel of depth
-    vec4 light;  // Direction in which the light travels; w: given bias in metres
+    ivec4 info;  // Shift of row_z less 32; frustum; 1: the automatic bias; of lamps: shift of row_w less that of row_x
+    vec4 step_x; // Edge of a voxel in metres, of lamps where W is 1; w: units of position in a metre
+    vec4 step_y; // w: voxels of depth that are as long as a texel is wide; of lamps: given bias in metres where W is 1
+    vec4 step_z; // w: length in metres of a voxel of depth; of lamps: the same along the axis
+    vec4 light;  // Direction in which the light travels; w: given bias in metres, of lamps that where W is 0
+    vec4 lamp;   // Position; w: 1 if it shines to one side
+    vec4 axis;   // The face's axis
+};
+
+// A position in a face of a lamp, and the length of the bias in metres.
+struct UmbrageSight {
+    int face;
+    float bias;
 };
 
 // Entrance to one frustum's voxels. The last four are entries.
@@ -529,6 +537,201 @@ ivec4 umbrage_place(UmbragePlacement at, vec3 position, vec3 normal, int taps)
     return umbrage_place_steps(at, position, normal, float(taps), 1.0);
 }
 
+// --- lamps ---------------------------------------------------------------------------------------------------------------
+// A lamp has one to six faces, each with a placement. A position belongs to the face with the greatest W. Faces overlap, so
+// that a window lies in one face.
+
+// A number of 64 bits with sign times 2^count, rounded down; count is above -64. w: 1 if it has more than 53 bits.
+uvec4 umbrage_scale(uvec2 a, int count)
+{
+    uint sign = uint(int(a.y) >> 31u);
+    if (count <= -32) {
+        return uvec4(uint(int(a.y) >> uint(-32 - count)), sign, 0u, 0u);
+    }
+    if (count < 0) {
+        uint right = uint(-count);
+        return uvec4((a.x >> right) | (a.y << (32u - right)), uint(int(a.y) >> right), 0u, 0u);
+    }
+    uint size = a.y ^ sign;
+    if (count > 20 || (size >> uint(20 - count)) != 0u) {
+        return uvec4(0u, 0u, 0u, 1u);
+    }
+    if (count == 0) {
+        return uvec4(a.x, a.y, 0u, 0u);
+    }
+    return uvec4(a.x << uint(count), (a.y << uint(count)) | (a.x >> uint(32 - count)), 0u, 0u);
+}
+
+// Number of zero bits before the highest set bit of a word, 0 to 32.
+int umbrage_leading_zeros(uint word)
+{
+    uint rest = word;
+    int zeros = 0;
+    if (rest == 0u) {
+        return 32;
+    }
+    while ((rest >> 31u) == 0u) {
+        rest = rest << 1u;
+        zeros += 1;
+    }
+    return zeros;
+}
+
+// The whole part of a * 2^shift / w, rounded down, for w above 0; 0x40000000 if it has more than 21 bits.
+int umbrage_divide(uvec2 a, uvec2 w, int shift)
+{
+    int zeros = umbrage_leading_zeros(w.y);
+    if (w.y == 0u) {
+        zeros += umbrage_leading_zeros(w.x);
+    }
+    int up = zeros - 33;
+    uvec4 divisor = umbrage_scale(w, up);
+    if (up >= 0) {
+        divisor = uvec4(w.x << uint(up), 0u, 0u, 0u);
+    }
+    uvec4 scaled = umbrage_scale(a, shift + up);
+    int high = int(scaled.y);
+    if (scaled.w != 0u || high >= 1048576 || high < -1048576) {
+        return 1073741824;
+    }
+    float estimate = (float(high) * 4294967296.0 + float(scaled.x)) / float(divisor.x);
+    int whole = int(floor(estimate));
+    uvec2 rest = umbrage_multiply(whole, int(divisor.x));
+    rest = umbrage_add(uvec2(scaled.x, scaled.y), umbrage_add(uvec2(~rest.x, ~rest.y), uvec2(1u, 0u)));
+    for (int i = 0; i < 4; i++) {
+        if (int(rest.y) < 0) {
+            whole -= 1;
+            rest = umbrage_add(rest, uvec2(divisor.x, 0u));
+        } else if (rest.y != 0u || rest.x >= divisor.x) {
+            whole += 1;
+            rest = umbrage_add(rest, umbrage_add(uvec2(~divisor.x, 0xffffffffu), uvec2(1u, 0u)));
+        }
+    }
+    return whole;
+}
+
+float umbrage_dot3(vec3 a, vec3 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+// The face with the greatest W at a place relative to the lamp.
+int umbrage_face(UmbragePlacement faces[6], int count, vec3 from_lamp)
+{
+    int best = 0;
+    float w = umbrage_dot(from_lamp, faces[0].axis);
+    for (int i = 1; i < count; i++) {
+        float other = umbrage_dot(from_lamp, faces[i].axis);
+        if (other > w) {
+            w = other;
+            best = i;
+        }
+    }
+    return best;
+}
+
+// Length of the bias in metres. along: the unit normal; without one, has_normal is false.
+float umbrage_lamp_bias(UmbragePlacement at, vec3 from_lamp, vec3 along, bool has_normal, float taps, float steps)
+{
+    float w = umbrage_dot(from_lamp, at.axis);
+    if (at.info.z != 1) {
+        return at.light.w + at.step_y.w * w;
+    }
+    float thickness = at.step_z.w * steps;
+    if (!has_normal) {
+        return 0.29318577 * (2.0 * taps + 1.0) * thickness * sqrt(umbrage_dot3(from_lamp, from_lamp)) / w;
+    }
+    float across = abs(umbrage_dot(along, at.step_x)) + abs(umbrage_dot(along, at.step_y));
+    float width = taps * steps * across;
+    float depth = (abs(umbrage_dot3(along, from_lamp)) / w + 0.5 * width) * thickness;
+    float growth = 0.5 * width * umbrage_dot(along, at.axis);
+    float rest = 1.0;
+    if (growth > 0.0) {
+        rest = 1.0 - growth;
+    }
+    if (rest < 0.25) {
+        rest = 0.25;
+    }
+    return 0.5078125 * (width * w + depth) / rest;
+}
+
+// The direction in which the bias moves a position: its unit normal, or to the lamp without one.
+vec3 umbrage_lamp_direction(vec3 from_lamp, vec3 normal)
+{
+    float length2 = umbrage_dot3(normal, normal);
+    vec3 along = vec3(0.0 - from_lamp.x, 0.0 - from_lamp.y, 0.0 - from_lamp.z);
+    float scale = 0.0;
+    if (length2 > 0.0) {
+        along = normal;
+        scale = 1.0 / sqrt(length2);
+    } else if (umbrage_dot3(from_lamp, from_lamp) > 0.0) {
+        scale = 1.0 / sqrt(umbrage_dot3(from_lamp, from_lamp));
+    }
+    return vec3(along.x * scale, along.y * scale, along.z * scale);
+}
+
+// Finds face and bias of a position. If the bias leads into another face, it suffices for the voxels of both.
+UmbrageSight umbrage_sight(UmbragePlacement faces[6], int count, vec3 from_lamp, vec3 normal, float taps, float steps)
+{
+    UmbrageSight sight;
+    sight.face = umbrage_face(faces, count, from_lamp);
+    sight.bias = 0.0;
+    vec3 along = umbrage_lamp_direction(from_lamp, normal);
+    bool has_normal = umbrage_dot3(normal, normal) > 0.0;
+    for (int i = 0; i < 2; i++) {
+        if (umbrage_dot(from_lamp, faces[sight.face].axis) > 0.0) {
+            float bias = umbrage_lamp_bias(faces[sight.face], from_lamp, along, has_normal, taps, steps);
+            if (bias > sight.bias) {
+                sight.bias = bias;
+            }
+            sight.face = umbrage_face(faces, count, vec3(from_lamp.x + along.x * sight.bias,
+                                                        from_lamp.y + along.y * sight.bias,
+                                                        from_lamp.z + along.z * sight.bias));
+        }
+    }
+    return sight;
+}
+
+// Finds the voxel of a position that moves by `bias` along a unit vector, in a face. w: as of umbrage_place.
+ivec4 umbrage_place_face(UmbragePlacement at, vec3 position, vec3 along, float bias)
+{
+    float scale = at.step_x.w;
+    float limit = 1073741824.0;
+    if (!(abs(position.x * scale) < limit && abs(position.y * scale) < limit && abs(position.z * scale) < limit)) {
+        return ivec4(0, 0, 0, 1);
+    }
+    ivec3 units = ivec3(int(position.x * scale) + int(along.x * bias * scale),
+                        int(position.y * scale) + int(along.y * bias * scale),
+                        int(position.z * scale) + int(along.z * bias * scale));
+    uvec2 w = umbrage_row(at.row_w, at.low.w, units);
+    if (int(w.y) < 0 || (w.x == 0u && w.y == 0u)) {
+        return ivec4(0, 0, 0, 1);
+    }
+    int x = umbrage_divide(umbrage_row(at.row_x, at.low.x, units), w, at.info.w);
+    int y = umbrage_divide(umbrage_row(at.row_y, at.low.y, units), w, at.info.w);
+    uvec2 z = umbrage_row(at.row_z, at.low.z, units);
+    return ivec4(x, y, int(z.y) >> uint(at.info.x), 0);
+}
+
+// Finds the voxel at which a position is looked up under a lamp of `count` faces. w: 0: to be looked up, and 4 times the
+// face; 1: lit; 2: shadowed.
+ivec4 umbrage_place_lamp(UmbragePlacement faces[6], int count, vec3 position, vec3 normal, float taps, float steps)
+{
+    vec4 lamp = faces[0].lamp;
+    vec3 from_lamp = vec3(position.x - lamp.x, position.y - lamp.y, position.z - lamp.z);
+    bool has_normal = umbrage_dot3(normal, normal) > 0.0;
+    if (has_normal && umbrage_dot3(normal, from_lamp) >= 0.0) {
+        return ivec4(0, 0, 0, 2);
+    }
+    if (lamp.w > 0.0 && !(umbrage_dot(from_lamp, faces[0].light) > 0.0)) {
+        return ivec4(0, 0, 0, 2);
+    }
+    UmbrageSight sight = umbrage_sight(faces, count, from_lamp, normal, taps, steps);
+    vec3 along = umbrage_lamp_direction(from_lamp, normal);
+    ivec4 place = umbrage_place_face(faces[sight.face], position, along, sight.bias);
+    return ivec4(place.x, place.y, place.z, place.w + 4 * sight.face);
+}
+
 // --- answers -------------------------------------------------------------------------------------------------------------
 // Share of light at a position, 0 to 1: x if all missing cubes are shadowed, y if all are lit. normal: 0, 0, 0: none.
 
@@ -564,4 +767,18 @@ vec2 umbrage_coarse(UmbragePlacement at, vec3 position, vec3 normal, uint level)
     }
     uvec2 count = umbrage_count_cell(uint(at.info.y), ivec3(place.x, place.y, place.z), level);
     return vec2(float(count.x) * 0.5, float(count.y) * 0.5);
+}
+
+// Under a lamp of `count` faces, 1 to 6.
+vec2 umbrage_lamp_box(UmbragePlacement faces[6], int count, vec3 position, vec3 normal, int taps)
+{
+    ivec4 place = umbrage_place_lamp(faces, count, position, normal, float(taps), 1.0);
+    int state = place.w & 3;
+    if (state != 0) {
+        return vec2(float(2 - state), float(2 - state));
+    }
+    uint frustum = uint(faces[place.w >> 2u].info.y);
+    uvec2 lit = umbrage_count_box(frustum, ivec3(place.x, place.y, place.z), taps);
+    float total = float(taps * taps);
+    return vec2(float(lit.x) / total, float(lit.y) / total);
 }

@@ -2,7 +2,7 @@
 /*
  * Writes where the core looks points up, for tests of shaders:
  *
- *     gpu_voxels ASSET POINTS TAPS LEVEL FILE    POINTS: float x y z nx ny nz each
+ *     gpu_voxels ASSET POINTS LIGHT TAPS LEVEL FILE    POINTS: float x y z nx ny nz each
  *
  * FILE: for each point int32 x, y, z of its voxel, 1 if it faces away, then two floats: distances
  * in voxels to the nearest border on x and y, and in depth. Points at which the bias changes from
@@ -63,19 +63,20 @@ int main(int argc, char **argv)
     struct umb_query query;
     struct umb__query q;
     struct umb_error error = {0};
-    if (argc != 6) {
-        fprintf(stderr, "usage: gpu_voxels ASSET POINTS TAPS LEVEL FILE\n");
+    if (argc != 7) {
+        fprintf(stderr, "usage: gpu_voxels ASSET POINTS LIGHT TAPS LEVEL FILE\n");
         return 2;
     }
-    const struct umb_query_settings settings = {.taps = (uint32_t)strtoul(argv[3], NULL, 10),
-                                                .level = (uint32_t)strtoul(argv[4], NULL, 10)};
+    const struct umb_query_settings settings = {.light = (uint32_t)strtoul(argv[3], NULL, 10),
+                                                .taps = (uint32_t)strtoul(argv[4], NULL, 10),
+                                                .level = (uint32_t)strtoul(argv[5], NULL, 10)};
     if (umb_asset_open_file(argv[1], NULL, &asset, &error) != UMB_OK ||
         umb_query_prepare(asset, &settings, &query, &error) != UMB_OK) {
         fprintf(stderr, "%s\n", error.message);
         return 1;
     }
     memcpy(&q, query.opaque, sizeof q);
-    FILE *in = fopen(argv[2], "rb"), *out = fopen(argv[5], "wb");
+    FILE *in = fopen(argv[2], "rb"), *out = fopen(argv[6], "wb");
     float point[6];
     bool good = in != NULL && out != NULL;
     while (good && fread(point, sizeof point, 1, in) == 1) {

@@ -15,7 +15,8 @@ import web_browser  # noqa: E402
 import web_cases  # noqa: E402
 
 PIXELS = int(os.environ.get("UMBRAGE_PIXELS", "32768"))
-CASES = [("box", 1, 0), ("box", 9, 0), ("box", 17, 0), ("tent", 9, 0), ("coarse", 1, 3)]
+# Filter, light, taps, level.
+CASES = [("box", 0, 1, 0), ("box", 0, 9, 0), ("box", 1, 17, 0), ("box", 1, 7, 0), ("tent", 1, 9, 0), ("coarse", 0, 1, 3)]
 ENGINES = {
     "webgl": ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
     "webgpu": ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
@@ -28,17 +29,17 @@ if web_browser.installed() is None:
 test = ut.Test()
 size, options, camera = web_cases.SCENES["city"]
 scene = test.scene("city", size)
-test.bake(scene, test.path("city.umb"), "--verify", 0, *options)
+test.bake(scene, test.path("city.umb"), "--verify", 0, *options, "--sun", "200,30")
 ut.run("umbrage", "points", scene, "-o", test.path("city.f32"), "--kind", "gbuffer", "--count", PIXELS, "--camera", camera,
        "--normals", "--quiet")
 config = {"asset": "city.umb", "points": "city.f32", "camera": web_cases.STREET, "cases": []}
-for filter_name, taps, level in CASES:
-    name = f"{filter_name}-{taps}-{level}"
-    ut.run("gpu_voxels", test.path("city.umb"), test.path("city.f32"), taps, level, test.path(f"{name}.places"))
+for filter_name, light, taps, level in CASES:
+    name = f"{filter_name}-{light}-{taps}-{level}"
+    ut.run("gpu_voxels", test.path("city.umb"), test.path("city.f32"), light, taps, level, test.path(f"{name}.places"))
     shape = ["--level", level] if level else ["--taps", taps, "--filter", filter_name]
     ut.run("umbrage", "query", test.path("city.umb"), "--points", test.path("city.f32"), "--format", "f32", "--normals",
-           "--encoding", "f32", "-o", test.path(f"{name}.answers"), "--quiet", *shape)
-    config["cases"].append({"filter": filter_name, "taps": taps, "level": level, "places": f"{name}.places",
+           "--encoding", "f32", "-o", test.path(f"{name}.answers"), "--quiet", "--light", light, *shape)
+    config["cases"].append({"filter": filter_name, "light": light, "taps": taps, "level": level, "places": f"{name}.places",
                             "expected": f"{name}.answers"})
 FOLDERS = {"package": web_cases.PACKAGE, "files": test.folder, "web": os.path.join(ut.ROOT, "tests", "web")}
 for engine, flags in ENGINES.items():

@@ -26,7 +26,7 @@ function placesOf(bytes) {
 /** All points by one filter: at given voxels none differs; with the shader's own placement only those near a border. */
 async function compare(engine, asset, one, count) {
   const { voxels, borders } = placesOf(await read(one.places)), total = totalOf(one);
-  const expected = new Float32Array(await read(one.expected)), placement = asset.placement();
+  const expected = new Float32Array(await read(one.expected)), placement = asset.placement(one);
   engine.voxels(voxels);
   const begin = performance.now();
   const alike = await engine.run({ ...one, alike: true }, placement);
@@ -51,35 +51,42 @@ async function compare(engine, asset, one, count) {
 
 /** Bounds of a partial asset are those of the core after each round; a round costs its own bytes. */
 async function stream(engine, config, points, count) {
-  const asset = await umbrage.open(`/files/${config.asset}`), one = config.cases.find((each) => each.taps === 9);
-  const { voxels } = placesOf(await read(one.places)), total = totalOf(one), placement = asset.placement();
-  const positions = new Float32Array(3 * count), normals = new Float32Array(3 * count), steps = [];
+  const asset = await umbrage.open(`/files/${config.asset}`), steps = [];
+  const positions = new Float32Array(3 * count), normals = new Float32Array(3 * count);
   for (let i = 0; i < count; i++) {
     positions.set(points.subarray(6 * i, 6 * i + 3), 3 * i);
     normals.set(points.subarray(6 * i + 3, 6 * i + 6), 3 * i);
   }
-  engine.voxels(voxels);
-  const look = async () => {
+  const look = async (light, taps) => {
+    const one = config.cases.find((each) => each.light === light && each.taps === taps), total = totalOf(one);
+    engine.voxels(placesOf(await read(one.places)).voxels);
     const before = engine.bytes_sent, changes = asset.changes();
     engine.apply(changes);
     const sent = engine.bytes_sent - before, all = changes.capacity * 16;
     engine.apply(asset.changes());
     assert(engine.bytes_sent === before + sent, "nothing changed, and bytes were sent");
-    const { low, high, exact_count } = await asset.query(positions, { taps: 9, normals, bounds: true, want: false });
-    const got = await engine.run({ ...one, alike: true }, placement);
+    const { low, high, exact_count } = await asset.query(positions, { light, taps, normals, bounds: true, want: false });
+    const got = await engine.run({ ...one, alike: true }, asset.placement({ light }));
     for (let i = 0; i < count; i++) {
       assert(got[2 * i] === Math.round(low[i] * total) && got[2 * i + 1] === Math.round(high[i] * total),
         `point ${i}: ${got[2 * i]} to ${got[2 * i + 1]}, not ${low[i] * total} to ${high[i] * total}`);
     }
     steps.push({ sent, all, exact: exact_count });
   };
-  await look();
-  for (let round = 0; round < 4; round++) {
-    await asset.want({ camera: config.camera, taps: 9 }, { round_bytes: 32768, progress: () => true });
-    await look();
+  await look(0, 9);
+  for (let round = 0; round < 3; round++) {
+    await asset.want({ light: 0, camera: config.camera, taps: 9 }, { round_bytes: 32768, progress: () => true });
+    await look(0, 9);
   }
+  for (let round = 0; round < 3; round++) {
+    await asset.want({ light: 1, camera: config.camera, taps: 7 }, { round_bytes: 32768, progress: () => true });
+    await look(1, 7);
+  }
+  await asset.want({ light: 1, camera: config.camera, taps: 7 });
+  await look(1, 7);
+  await look(0, 9);
   await asset.want({});
-  await look();
+  await look(1, 7);
   assert(steps.at(-1).exact === count && steps[0].exact < count, "pages did not arrive step by step");
   assert(steps.slice(1).some(({ sent, all }) => sent > 0 && sent < all / 2), "every round sent the whole array");
   await asset.close();
@@ -109,7 +116,7 @@ export async function checks() {
     await asset.want({});
     engine.apply(asset.changes());
     for (const one of config.cases) {
-      await check(`${config.engine}: ${one.filter}, ${one.taps} taps, level ${one.level}`,
+      await check(`${config.engine}: ${one.filter}, light ${one.light}, ${one.taps} taps, level ${one.level}`,
         () => compare(engine, asset, one, count));
     }
     await check(`${config.engine}: pages arrive`, () => stream(engine, config, points, count));

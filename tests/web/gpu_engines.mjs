@@ -232,9 +232,9 @@ export class WebGPU {
   }
 
   async run({ filter, taps, level, alike }, placement) {
-    const { device, pipeline, count } = this, words = new Int32Array(48);
+    const { device, pipeline, count } = this, words = new Int32Array(56);
     words.set(new Int32Array(placement.bytes));
-    words.set([FILTERS[filter], taps, level, alike ? 1 : 0, count], 40);
+    words.set([FILTERS[filter], taps, level, alike ? 1 : 0, count], 48);
     const ask = this.#buffer(words, GPUBufferUsage.UNIFORM);
     const group = (number, buffers) => device.createBindGroup({ layout: pipeline.getBindGroupLayout(number),
       entries: buffers.map(([binding, buffer]) => ({ binding, resource: { buffer } })) });

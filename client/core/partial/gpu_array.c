@@ -20,7 +20,7 @@
 #define NODE_WORDS    2U /* 8-byte words of an entry of nodes */
 #define BRICK_ENTRIES 4U
 
-_Static_assert(sizeof(struct umb_gpu_placement) == 160, "struct UmbragePlacement of the shaders");
+_Static_assert(sizeof(struct umb_gpu_placement) == 192, "struct UmbragePlacement of the shaders");
 
 /* Returns the entries of a frustum's grid. */
 static uint64_t grid_entries(const struct umb__top *top)

@@ -15,6 +15,7 @@
 #include <string.h>
 
 #include "base/reserved.h"
+#include "base/try.h"
 #include "query/stages.h"
 #include "query/voxel_walk.h"
 #include "umbrage/gpu.h"
@@ -33,7 +34,13 @@
 struct transform {
     double rotation[3][3]; /* From the shader's axes to those of the world */
     double world[3];       /* World position of the shader's 0, relative to the asset's origin */
-    double rows[3][4];     /* From the shader's space to voxels */
+    double rows[4][4];     /* From the shader's space to voxels; the last one gives W */
+};
+
+/* Binary exponents: a row's numbers count 2^-shift. */
+struct scales {
+    int units;    /* s */
+    int shift[4]; /* e of each row */
 };
 
 static enum umb_status check_view(const struct umb_gpu_view *view, struct umb_error *error)
@@ -75,7 +82,7 @@ static void make_transform(const struct umb_gpu_view *view, const struct umb__co
         t->world[k] =
             (view->has_to_world ? view->to_world[12 + k] : view->origin[k]) - content->origin[k];
     }
-    for (unsigned axis = 0; axis < 3; axis++) {
+    for (unsigned axis = 0; axis < 4; axis++) {
         const double *row = frustum->world_to_voxel[axis];
         for (unsigned k = 0; k < 3; k++) {
             t->rows[axis][k] = row[0] * t->rotation[0][k] + row[1] * t->rotation[1][k] +
@@ -132,46 +139,114 @@ static void set_vector(const double vector[3], double fourth, float out[4])
     out[3] = (float)fourth;
 }
 
-/* Sets the part of the bias. */
-static void set_bias(const struct umb_gpu_view *view, const struct umb_light_info *light,
-                     const struct umb_frustum_info *frustum, const struct transform *t,
-                     struct umb_gpu_placement *p)
+/* Returns the greatest number of a row, as a binary exponent: it is below 2^exponent. */
+static int size_of(const double row[4])
+{
+    int exponent;
+    (void)frexp(fmax(fabs(row[0]), fmax(fabs(row[1]), fabs(row[2]))), &exponent);
+    return exponent;
+}
+
+/* Chooses the scales. x and y share one, and under a directional light z, too, since all three are
+ * voxels. Other lights divide x and y by W, and W has a scale of its own. */
+static enum umb_status choose_scales(const struct transform *t,
+                                     const struct umb_frustum_info *frustum, bool is_lamp,
+                                     struct scales *scales, struct umb_error *error)
+{
+    int range, size[4];
+    (void)frexp(MARGIN * find_reach(t, frustum), &range);
+    scales->units = NUMBER_BITS - range;
+    for (unsigned i = 0; i < 4; i++) {
+        size[i] = size_of(t->rows[i]);
+    }
+    size[0] = size[1] = size[0] > size[1] ? size[0] : size[1];
+    if (!is_lamp) {
+        size[0] = size[1] = size[2] = size[0] > size[2] ? size[0] : size[2];
+    }
+    for (unsigned i = 0; i < 4; i++) {
+        const int shift = scales->units + NUMBER_BITS - size[i];
+        scales->shift[i] = shift < SHIFT_MOST ? shift : SHIFT_MOST;
+    }
+    if (scales->shift[2] < SHIFT_LEAST) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "origin: the frustum reaches %g voxels from it, must be at most %g: give "
+                        "an origin near the casters",
+                        ldexp(1, size[2] + range), ldexp(1, 2 * NUMBER_BITS - SHIFT_LEAST));
+    }
+    return UMB_OK;
+}
+
+/* Sets what shaders compute the bias from. */
+static void set_bias(const struct umb_gpu_view *view, const struct umb_frustum_info *frustum,
+                     const struct transform *t, bool is_lamp, struct umb_gpu_placement *p)
 {
     const double(*step)[3] = frustum->voxel_step;
-    double turned[4][3], bias = 0;
+    const double depth = umb__length(step[2]), across = umb__length(step[0]) + umb__length(step[1]);
+    const double voxels = view->bias_mode == UMB_BIAS_VOXELS ? view->bias / 3 : 0;
+    const double metres = view->bias_mode == UMB_BIAS_METRES ? view->bias : 0;
+    double turned[3][3];
     for (unsigned axis = 0; axis < 3; axis++) {
         turn(t, step[axis], turned[axis]);
     }
-    turn(t, light->direction, turned[3]);
-    if (view->bias_mode == UMB_BIAS_METRES) {
-        bias = view->bias;
-    } else if (view->bias_mode == UMB_BIAS_VOXELS) {
-        bias =
-            view->bias * (umb__length(step[0]) + umb__length(step[1]) + umb__length(step[2])) / 3.0;
-    }
     set_vector(turned[0], p->step_x[3], p->step_x);
-    set_vector(turned[1], umb__lift_texel(frustum), p->step_y);
-    set_vector(turned[2], umb__length(step[2]), p->step_z);
-    set_vector(turned[3], bias, p->light);
+    if (is_lamp) {
+        set_vector(turned[1], voxels * across, p->step_y);
+        set_vector(turned[2], umb__dot(frustum->world_to_voxel[3], step[2]), p->step_z);
+        p->light[3] = (float)(metres + voxels * depth);
+    } else {
+        set_vector(turned[1], umb__lift_texel(frustum), p->step_y);
+        set_vector(turned[2], depth, p->step_z);
+        p->light[3] = (float)(metres + voxels * (across + depth));
+    }
     p->info[2] = view->bias_mode == UMB_BIAS_AUTO;
 }
 
-static void set_precision(const struct transform *t, const struct umb_frustum_info *frustum,
-                          int shift, int units, struct umb_gpu_precision *precision)
+/* Sets what only lamps have. */
+static void set_lamp(const struct umb_light_info *light, const struct umb__content *content,
+                     const struct transform *t, struct umb_gpu_placement *p)
 {
-    const double lift = umb__lift_texel(frustum), most = UMB__LIFT_TEXELS(UMB_TAPS_MAX) * lift;
-    double bound = 0;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        const double *m = t->rows[axis];
-        const double edge = fabs(m[0]) + fabs(m[1]) + fabs(m[2]);
-        bound = fmax(bound, ldexp(1.5, NUMBER_BITS - shift) + ldexp(2 * edge, -units));
-    }
+    const bool is_one_sided = light->kind == UMB_LIGHT_RECTANGLE || light->kind == UMB_LIGHT_DISC;
+    double place[3], turned[3];
+    umb__subtract(light->position, content->origin, place);
+    umb__subtract(place, t->world, place);
+    turn(t, place, turned);
+    set_vector(turned, is_one_sided, p->lamp);
+    set_vector(t->rows[3], 0, p->axis);
+}
+
+/* Returns the bound of a row's error, in its own unit. */
+static double error_of(const struct transform *t, const struct scales *scales, unsigned row)
+{
+    const double *m = t->rows[row];
+    const double edge = fabs(m[0]) + fabs(m[1]) + fabs(m[2]);
+    return ldexp(1.5, NUMBER_BITS - scales->shift[row]) + ldexp(2 * edge, -scales->units);
+}
+
+static void set_precision(const struct transform *t, const struct umb_frustum_info *frustum,
+                          const struct scales *scales, bool is_lamp,
+                          struct umb_gpu_precision *precision)
+{
+    const double lift = is_lamp ? 0 : umb__lift_texel(frustum);
+    const double most = UMB__LIFT_TEXELS(UMB_TAPS_MAX) * lift,
+                 size = ldexp(1, (int)frustum->log2_size);
     /* The move along the normal is at most as long as a window is wide. */
-    precision->across = bound + (UMB_TAPS_MAX + 1) * FLOAT_ERROR;
+    const double move = (UMB_TAPS_MAX + 1) * FLOAT_ERROR;
+    double across = fmax(error_of(t, scales, 0), error_of(t, scales, 1));
+    double depth = error_of(t, scales, 2);
+    if (is_lamp) {
+        /* W at the far side: depth is linear along the axis, and W rises by 1 a metre. The divisor
+         * is cut to 31 bits. */
+        const double *row = frustum->world_to_voxel[2], *axis = frustum->world_to_voxel[3];
+        const double slope = umb__dot(row, axis) / umb__dot(axis, axis);
+        const double far = (size - (row[3] - slope * axis[3])) / slope;
+        across = (across + size * error_of(t, scales, 3)) / far + ldexp(2 * size, -NUMBER_BITS);
+        depth += move * far * umb__lift_texel(frustum);
+    }
+    precision->across = across + move;
     /* Slopes are at most four times lift, since a steeper surface is moved along its normal. */
-    precision->depth = precision->across + LIFT_ERROR + most * FLOAT_ERROR +
+    precision->depth = depth + move + (is_lamp ? 0 : LIFT_ERROR) + most * FLOAT_ERROR +
                        2 * 4 * lift * (precision->across + FLOAT_ERROR);
-    precision->range_m = ldexp(1, NUMBER_BITS - units);
+    precision->range_m = ldexp(1, NUMBER_BITS - scales->units);
 }
 
 enum umb_status umb_gpu_place(const struct umb_asset *asset, const struct umb_gpu_view *view,
@@ -182,43 +257,35 @@ enum umb_status umb_gpu_place(const struct umb_asset *asset, const struct umb_gp
         .light = view->light, .bias_mode = view->bias_mode, .bias = view->bias};
     struct umb__plan plan;
     struct transform t;
-    enum umb_status status = check_view(view, error);
-    status = status == UMB_OK ? umb__plan_make(asset, &settings, &plan, error) : status;
-    if (status != UMB_OK) {
-        return status;
+    struct scales scales;
+    UMB__TRY(check_view(view, error));
+    UMB__TRY(umb__plan_make(asset, &settings, &plan, error));
+    const bool is_lamp = plan.light->kind != UMB_LIGHT_DIRECTIONAL;
+    if (view->face >= plan.light->frustum_count) {
+        return umb_fail(error, UMB_E_ARGUMENT, "face: %u, the light has %u", view->face,
+                        plan.light->frustum_count);
     }
-    if (plan.light->kind != UMB_LIGHT_DIRECTIONAL) {
-        return umb_fail(error, UMB_E_UNSUPPORTED,
-                        "light: %u is not directional; the shaders place points of directional "
-                        "lights",
-                        view->light);
-    }
-    make_transform(view, plan.content, plan.frustum, &t);
-    double largest = 0;
-    for (unsigned i = 0; i < 9; i++) {
-        largest = fmax(largest, fabs(t.rows[i / 3][i % 3]));
-    }
-    int range_log2, size_log2;
-    (void)frexp(MARGIN * find_reach(&t, plan.frustum), &range_log2);
-    (void)frexp(largest, &size_log2);
-    const int units = NUMBER_BITS - range_log2;
-    int shift = units + NUMBER_BITS - size_log2;
-    shift = shift < SHIFT_MOST ? shift : SHIFT_MOST;
-    if (shift < SHIFT_LEAST) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "origin: the frustum reaches %g voxels from it, must be at most %g: give "
-                        "an origin near the casters",
-                        ldexp(largest, range_log2), ldexp(1, 2 * NUMBER_BITS - SHIFT_LEAST));
-    }
+    const struct umb_frustum_info *frustum = plan.frustum + view->face;
+    make_transform(view, plan.content, frustum, &t);
+    UMB__TRY(choose_scales(&t, frustum, is_lamp, &scales, error));
     memset(placement, 0, sizeof *placement);
     memset(precision, 0, sizeof *precision);
-    set_row(t.rows[0], shift, units, placement->row_x, &placement->low[0]);
-    set_row(t.rows[1], shift, units, placement->row_y, &placement->low[1]);
-    set_row(t.rows[2], shift, units, placement->row_z, &placement->low[2]);
-    placement->info[0] = shift - 32;
-    placement->info[1] = (int32_t)plan.light->first_frustum;
-    placement->step_x[3] = (float)ldexp(1, units);
-    set_bias(view, plan.light, plan.frustum, &t, placement);
-    set_precision(&t, plan.frustum, shift, units, precision);
+    int32_t *const rows[] = {placement->row_x, placement->row_y, placement->row_z,
+                             placement->row_w};
+    for (unsigned i = 0; i < (is_lamp ? 4U : 3U); i++) {
+        set_row(t.rows[i], scales.shift[i], scales.units, rows[i], &placement->low[i]);
+    }
+    placement->info[0] = scales.shift[2] - 32;
+    placement->info[1] = (int32_t)(plan.light->first_frustum + view->face);
+    placement->info[3] = is_lamp ? scales.shift[3] - scales.shift[0] : 0;
+    placement->step_x[3] = (float)ldexp(1, scales.units);
+    double direction[3];
+    turn(&t, plan.light->direction, direction);
+    set_vector(direction, 0, placement->light);
+    set_bias(view, frustum, &t, is_lamp, placement);
+    if (is_lamp) {
+        set_lamp(plan.light, plan.content, &t, placement);
+    }
+    set_precision(&t, frustum, &scales, is_lamp, precision);
     return UMB_OK;
 }

@@ -61,16 +61,17 @@ struct umb_gpu_range {
 
 /* The space of the shader's positions, and the bias of its look-ups. */
 struct umb_gpu_view {
-    uint32_t light;   /* Index of the light; directional */
+    uint32_t light;   /* Index of the light */
+    uint32_t face;    /* Face of a light that is not directional: below its frustum_count */
     int has_to_world; /* 1: positions are in the space that to_world takes to the world */
+    enum umb_bias_mode bias_mode; /* As in struct umb_query_settings */
+    double bias;                  /* As there */
     /* World position of the shader's position 0, 0, 0; used if has_to_world is 0. The shader's
      * floats are finest near it. */
     double origin[3];
     /* A move and a rotation: 4x4, column major, such as that of a camera to the world */
     double to_world[16];
-    enum umb_bias_mode bias_mode; /* As in struct umb_query_settings */
-    double bias;                  /* As there */
-    uint64_t reserved[4];         /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /* What the shader computes voxels from: struct UmbragePlacement of the shaders, byte for byte. Its
@@ -79,13 +80,14 @@ struct umb_gpu_placement {
     int32_t row_x[4], row_y[4], row_z[4], row_w[4];
     uint32_t low[4];
     int32_t info[4];
-    float step_x[4], step_y[4], step_z[4], light[4];
+    float step_x[4], step_y[4], step_z[4], light[4], lamp[4], axis[4];
 };
 
 /*
  * How precisely the shader places positions. A position whose voxel coordinates, with the bias of
  * its look-up, are farther than these bounds from a whole number gets the voxel that umb_query_run
- * computes from the same position in doubles.
+ * computes from the same position in doubles. Under a light that is not directional the bounds hold
+ * at the far side of the face; nearer to the light they grow as voxels there shrink.
  */
 struct umb_gpu_precision {
     double range_m;       /* Positions with a coordinate beyond this distance from 0 count as lit */
@@ -135,10 +137,10 @@ UMB_API size_t umb_gpu_changes(struct umb_partial *partial, const struct umb_gpu
 UMB_API void umb_gpu_forget_changes(struct umb_partial *partial);
 
 /*
- * Computes what takes the shader's positions to the voxels of a light.
+ * Computes what takes the shader's positions to the voxels of a directional light, or of one face of
+ * another light.
  *
- * Fails: E_NOT_FOUND (no such light), E_ARGUMENT (view; the field is named), E_UNSUPPORTED (a light
- *        that is not directional).
+ * Fails: E_NOT_FOUND (no such light), E_ARGUMENT (view; the field is named).
  */
 UMB_API UMB_CHECKED enum umb_status umb_gpu_place(const struct umb_asset *asset,
                                                   const struct umb_gpu_view *view,

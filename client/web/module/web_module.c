@@ -485,7 +485,7 @@ void umbx_gpu_write(uint32_t first, uint32_t count, uint32_t *entries)
     umb_gpu_write(umb_partial_lower(here.partial), here.partial, &here.gpu, first, count, entries);
 }
 
-/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias. Out: numbers: range
+/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias, face. Out: numbers: range
  * in metres, bounds across and in depth in voxels. */
 int umbx_gpu_place(void)
 {
@@ -493,6 +493,7 @@ int umbx_gpu_place(void)
     struct umb_gpu_precision precision = {0};
     struct umb_gpu_view view = {.light = whole_of(in[0]),
                                 .has_to_world = in[1] > 0,
+                                .face = whole_of(in[23]),
                                 .bias_mode = (enum umb_bias_mode)whole_of(in[21]),
                                 .bias = in[22]};
     memcpy(view.origin, in + 2, sizeof view.origin);

@@ -177,11 +177,11 @@ export class Asset {
   }
 
   /** What takes a shader's positions to the voxels of a light. */
-  placement({ light = 0, origin = [0, 0, 0], to_world, bias = "auto", bias_unit = "metres" } = {}) {
+  placement({ light = 0, face = 0, origin = [0, 0, 0], to_world, bias = "auto", bias_unit = "metres" } = {}) {
     require(to_world === undefined || to_world?.length === 16, "to_world: must be 16 numbers, column major");
     require(typeof bias === "number" || bias === "auto" || bias === "none", "bias: must be auto, none or a number");
     const mode = typeof bias === "string" ? bias : bias_unit;
-    return placementOf(this.#opened(), whole(this.#lightNumber(light), "light"), triple(origin, "origin"),
+    return placementOf(this.#opened(), whole(this.#lightNumber(light), "light"), whole(face, "face"), triple(origin, "origin"),
       to_world && Array.from(to_world), mode, typeof bias === "string" ? 0 : number(bias, "bias"));
   }
 

@@ -45,14 +45,15 @@ export function takeChanges(module) {
 }
 
 const FIELDS = { row_x: Int32Array, row_y: Int32Array, row_z: Int32Array, row_w: Int32Array, low: Uint32Array,
-  info: Int32Array, step_x: Float32Array, step_y: Float32Array, step_z: Float32Array, light: Float32Array };
+  info: Int32Array, step_x: Float32Array, step_y: Float32Array, step_z: Float32Array, light: Float32Array,
+  lamp: Float32Array, axis: Float32Array };
 const PLACEMENT_BYTES = 16 * Object.keys(FIELDS).length;
 
 /** Computes a placement: { bytes, fields, range_m, bound_voxels, bound_depth }. */
-export function placementOf(module, light, origin, to_world, mode, bias) {
+export function placementOf(module, light, face, origin, to_world, mode, bias) {
   require(BIAS_MODES.includes(mode), `bias: ${String(mode).slice(0, 40)}, must be one of ${BIAS_MODES.join(", ")}`);
-  module.numbers(23).set([light, to_world ? 1 : 0, ...origin, ...(to_world ?? new Array(16).fill(0)),
-    BIAS_MODES.indexOf(mode), bias]);
+  module.numbers(24).set([light, to_world ? 1 : 0, ...origin, ...(to_world ?? new Array(16).fill(0)),
+    BIAS_MODES.indexOf(mode), bias, face]);
   module.run("gpu_place");
   const [range_m, bound_voxels, bound_depth] = module.numbers(3);
   const bytes = module.bytes(module.call("gpu_placement"), PLACEMENT_BYTES).slice().buffer;

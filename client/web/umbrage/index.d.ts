@@ -202,8 +202,10 @@ export interface Changes {
 }
 
 export interface PlacementOptions {
-  /** Number or name of a directional light; 0 by default. */
+  /** Number or name of a light; 0 by default. */
   light?: number | string;
+  /** Face of a light that is not directional: below its `frusta`. */
+  face?: number;
   /** World position of the shader's position 0, 0, 0. */
   origin?: Triple;
   /** Instead of `origin`: a rotation and a move to the world, column major, such as a camera's matrix. */
@@ -217,7 +219,7 @@ export interface Placement {
   bytes: ArrayBuffer;
   /** Its members, as views of `bytes`. */
   fields: Record<"row_x" | "row_y" | "row_z" | "row_w" | "info", Int32Array> & Record<"low", Uint32Array> &
-    Record<"step_x" | "step_y" | "step_z" | "light", Float32Array>;
+    Record<"step_x" | "step_y" | "step_z" | "light" | "lamp" | "axis", Float32Array>;
   /** Positions with a coordinate beyond it count as lit. */
   range_m: number;
   /** Positions farther than this from a voxel's border get the voxel that `query` looks up; on x and y, and in depth. */
