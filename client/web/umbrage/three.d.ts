@@ -7,7 +7,7 @@ export interface ShadowSettings {
   lights?: (number | string)[];
   /** Width of the window in texels: odd, 1 to 17; 9 by default. */
   taps?: number;
-  /** Box and tent are answered by the shader for suns; the others, and all of lamps, by answer(). */
+  /** The shader answers box and tent of suns and box of one lamp; the rest is answered by answer(). */
   filter?: "box" | "tent" | "gaussian" | "penumbra";
   /** "auto", "none" or metres. */
   bias?: "auto" | "none" | number;

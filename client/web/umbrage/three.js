@@ -17,7 +17,11 @@ const FILTERS = [...SHADER_FILTERS, "gaussian", "penumbra"];
 
 const declarations = `
 ${glsl}
-uniform UmbragePlacement umbrage_at[UMBRAGE_LIGHTS];
+#if UMBRAGE_FACES
+uniform UmbragePlacement umbrage_at[6]; // Of one lamp
+#else
+uniform UmbragePlacement umbrage_at[UMBRAGE_LIGHTS]; // Of suns
+#endif
 uniform vec4 umbrage_lights[UMBRAGE_LIGHTS]; // Direction towards a sun with w = 0, or position of a lamp with w = 1
 uniform int umbrage_taps;
 uniform int umbrage_filter;
@@ -41,6 +45,8 @@ void umbrage_look(vec3 position) {
     ivec2 size = textureSize(umbrage_pixels, 0).xy;
     umbrage_answers[i] = size.x < 2 ? vec2(0.0, 1.0)
       : texelFetch(umbrage_pixels, ivec3(ivec2(gl_FragCoord.xy / umbrage_size * vec2(size)), i), 0).xy;
+#elif UMBRAGE_FACES
+    umbrage_answers[i] = umbrage_lamp_box(umbrage_at, UMBRAGE_FACES, position, umbrage_normal, umbrage_taps);
 #else
     umbrage_answers[i] = umbrage_filter == 1 ? umbrage_tent(umbrage_at[i], position, umbrage_normal, umbrage_taps)
                                              : umbrage_box(umbrage_at[i], position, umbrage_normal, umbrage_taps);
@@ -123,7 +129,7 @@ export class Shadows {
   #chunk;
   #materials = new Set();
   #settings = { lights: [0], taps: 9, filter: "box", bias: "auto", overlay: "none" };
-  #lights = []; // { light: its number, at: its placement, place: four numbers for umbrage_lights }
+  #lights = []; // { light: its number, at: placements of its faces, place: four numbers for umbrage_lights }
   #programs = new WeakMap();
   #uploaded = false;
   #renderer;
@@ -157,8 +163,8 @@ export class Shadows {
     indices.forEach((index, i) => require(all[index] !== undefined, `lights: there is no light ${String(next.lights[i]).slice(0, 64)}`));
     require(indices.length > 0 && indices.length <= LIGHTS_MAX, `lights: ${indices.length}, must be 1 to ${LIGHTS_MAX}`);
     this.#settings = next;
-    this.#lights = indices.map((light) => this.#lights.find((one) => one.light === light) ?? { light, at: null, place: [0, 0, 0, 2] });
-    const layout = `${this.byShader} ${indices.length}`;
+    this.#lights = indices.map((light) => this.#lights.find((one) => one.light === light) ?? { light, at: [], place: [0, 0, 0, 2] });
+    const layout = `${this.byShader} ${this.#faces} ${indices.length}`;
     if (layout !== this.#layout) {
       this.#layout = layout;
       this.#materials.forEach((material) => this.#define(material));
@@ -169,10 +175,17 @@ export class Shadows {
     return { ...this.#settings };
   }
 
-  /** True if the shader knows lights and filter; else call answer() after each move of the camera. */
+  /** True if the shader knows lights and filter (suns with box or tent, one lamp with box); else call answer() after each move of the camera. */
   get byShader() {
-    return SHADER_FILTERS.includes(this.#settings.filter) &&
+    const { filter } = this.#settings;
+    return this.#faces > 0 ? filter === "box" : SHADER_FILTERS.includes(filter) &&
       this.#lights.every(({ light }) => this.#asset.info.lights[light].kind === "directional");
+  }
+
+  /** Faces of the lamp, if it is one lamp alone; else 0. */
+  get #faces() {
+    const { kind, frusta } = this.#asset.info.lights[this.#lights[0].light];
+    return this.#lights.length === 1 && kind !== "directional" ? frusta : 0;
   }
 
   /** Bytes that the GPU got. */
@@ -182,7 +195,7 @@ export class Shadows {
 
   #define(material) {
     material.defines = { ...material.defines, UMBRAGE_LIGHTS: this.#lights.length,
-      UMBRAGE_PIXELS: this.byShader ? 0 : 1 };
+      UMBRAGE_PIXELS: this.byShader ? 0 : 1, UMBRAGE_FACES: this.#faces };
     material.needsUpdate = true;
   }
 
@@ -233,7 +246,7 @@ export class Shadows {
     gl.uniform1i(of_filter, filter === "tent" ? 1 : 0);
     gl.uniform1i(of_taps, taps);
     gl.uniform4fv(lights, this.#lights.flatMap(({ place }) => place));
-    this.#lights.forEach(({ at }, index) => at !== null && setPlacement(gl, program, `umbrage_at[${index}]`, at));
+    this.#lights.flatMap(({ at }) => at).forEach((at, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }
 
   /** Passes what changed in the asset to the GPU. Other state of the context stays. */
@@ -257,8 +270,8 @@ export class Shadows {
     const view = camera.matrixWorldInverse;
     for (const one of this.#lights) {
       const { kind, direction, position } = lights[one.light], is_sun = kind === "directional";
-      one.at = !this.byShader ? null : this.#asset.placement({ light: one.light, bias,
-        to_world: camera.matrixWorld.elements });
+      one.at = Array.from({ length: this.byShader ? Math.max(this.#faces, 1) : 0 }, (_, face) =>
+        this.#asset.placement({ light: one.light, face, bias, to_world: camera.matrixWorld.elements }));
       one.place = is_sun ? [...transform(view.elements, direction.map((each) => -each), 0), 0]
         : [...transform(view.elements, position, 1), 1];
     }
