@@ -135,8 +135,8 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
     enum umb_status status = UMB_OK;
     for (size_t i = 0; i < bundle.count && status == UMB_OK; i++) {
         (void)snprintf(i == 0 ? path : other, PATH_SIZE, "scene/%s", bundle.files[i].path);
-        status = umbc_view_site_add(site, i == 0 ? path : other, bundle.files[i].source, NULL, 0,
-                                    error);
+        status =
+            umbc_view_site_add(site, i == 0 ? path : other, bundle.files[i].source, NULL, 0, error);
     }
     umbc_bundle_finish(&bundle);
     return status;
@@ -226,9 +226,9 @@ static enum umb_status make_export(const char *folder, struct umb_error *error)
         is_empty = strcmp(entry->d_name, ".") == 0 || strcmp(entry->d_name, "..") == 0;
     }
     (void)closedir(list);
-    return is_empty ? UMB_OK
-                    : umb_fail(error, UMB_E_CANNOT_CREATE, "--export: '%.200s' is not empty",
-                               folder);
+    return is_empty
+               ? UMB_OK
+               : umb_fail(error, UMB_E_CANNOT_CREATE, "--export: '%.200s' is not empty", folder);
 }
 
 struct copy {
@@ -359,8 +359,8 @@ int umbc_view(int argc, char **argv)
         code = umbc_view_site_begin(&site, &origin.source, &error) != UMB_OK
                    ? umbc_complain_file(settings.target, &error)
                : fill(&site, &settings, &error) != UMB_OK ? umbc_complain(&error)
-               : settings.folder != NULL ? export_site(&site, &settings, &error)
-                                         : serve_site(&site, &settings, &error);
+               : settings.folder != NULL                  ? export_site(&site, &settings, &error)
+                                                          : serve_site(&site, &settings, &error);
         umbc_view_site_finish(&site);
     } else {
         code = umbc_complain(&error);

@@ -34,7 +34,7 @@ struct server {
 struct connection {
     struct server *server;
     int socket;
-    size_t size;   /* Bytes received that are no request yet */
+    size_t size;    /* Bytes received that are no request yet */
     uint8_t *piece; /* [PIECE_BYTES] */
     uint8_t head[UMBN_HTTP1_HEAD_BYTES];
 };
@@ -189,8 +189,10 @@ static int choose_range(const struct umbn_http1_request *request, struct reply *
             reply->length = ranges[0].length;
         }
         return count == 1 ? 206 : 200;
-    case UMBN_RANGES_NONE: return 200;
-    default: return 416;
+    case UMBN_RANGES_NONE:
+        return 200;
+    default:
+        return 416;
     }
 }
 
@@ -226,8 +228,9 @@ static bool answer_file(struct connection *connection, const struct umbn_http1_r
     reply->type = umbc_view_type(file);
     reply->length = reply->size = body.size;
     /* The asset's name has its id, so its bytes never change. */
-    reply->cache = file->source == NULL && file->bytes == NULL ? "private, max-age=31536000, immutable"
-                                                               : "no-cache";
+    reply->cache = file->source == NULL && file->bytes == NULL
+                       ? "private, max-age=31536000, immutable"
+                       : "no-cache";
     reply->status = choose_range(request, reply);
     const bool sent = reply->status == 416
                           ? refuse(connection, reply, 416, "Range: has no byte of the file")
@@ -252,9 +255,8 @@ static bool answer(struct connection *connection, const struct umbn_http1_reques
         sent = refuse(connection, &reply, 405, "only GET and HEAD are allowed");
     } else {
         const struct umbc_view_file *file =
-            decode_path(request->path, path)
-                ? umbc_view_site_find(connection->server->site, path)
-                : NULL;
+            decode_path(request->path, path) ? umbc_view_site_find(connection->server->site, path)
+                                             : NULL;
         sent = file != NULL ? answer_file(connection, request, file, &reply)
                             : refuse(connection, &reply, 404, "no such file");
     }

@@ -63,12 +63,13 @@ enum umb_status umbc_view_site_add(struct umbc_view_site *site, const char *path
                                    const char *source, char *bytes, size_t size,
                                    struct umb_error *error)
 {
-    struct umbc_view_file file = {
-        .path = strdup(path), .bytes = bytes, .size = size, .source = source ? strdup(source) : NULL};
-    struct umbc_view_file *files =
-        site->count < UMBC_VIEW_FILES_MAX
-            ? realloc(site->files, (site->count + 1) * sizeof *files)
-            : NULL;
+    struct umbc_view_file file = {.path = strdup(path),
+                                  .bytes = bytes,
+                                  .size = size,
+                                  .source = source ? strdup(source) : NULL};
+    struct umbc_view_file *files = site->count < UMBC_VIEW_FILES_MAX
+                                       ? realloc(site->files, (site->count + 1) * sizeof *files)
+                                       : NULL;
     if (files != NULL) {
         site->files = files;
     }

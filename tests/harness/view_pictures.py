@@ -20,7 +20,7 @@ WAIT_S = 580
 PICTURES = [
     ("view-exact.png", 0, 1000, 620, False, False, CITY + "&overlay=bound", "arriving"),
     ("view-phone.png", 1, 390, 760, True, True, "#eye=-20,6,3&target=0,2,0&move=walk", "exact"),
-    ("view.png", 0, 1400, 660, False, False, CITY, "explained"),
+    ("view.png", 0, 1400, 560, False, False, CITY, "explained"),
 ]
 
 
@@ -29,7 +29,10 @@ def take(chromium, address, picture, folder):
     page = chromium.page(width, height, mobile, dark)
     page.open(address + view)
     page.wait("globalThis.umbrageViewer?.state.frames > 0", WAIT_S)
-    if moment != "arriving":
+    if moment == "arriving":
+        page.evaluate("umbrageViewer.state.frame_ms = 0")  # In software the page would wait for all pages
+        page.wait("umbrageViewer.state.frames > 1", WAIT_S)
+    else:
         page.wait("umbrageViewer.state.loading === 0 && umbrageViewer.state.exact === umbrageViewer.state.points", WAIT_S)
     if moment == "explained":
         page.evaluate("umbrageViewer.explainAt(0.44, 0.62)")

@@ -417,7 +417,8 @@ int umbx_query(const void *positions, int is_f64, size_t count, const float *nor
 int umbx_explain(double x, double y, double z, int has_normal)
 {
     const double position[3] = {x, y, z};
-    const float normal[3] = {(float)here.numbers[0], (float)here.numbers[1], (float)here.numbers[2]};
+    const float normal[3] = {(float)here.numbers[0], (float)here.numbers[1],
+                             (float)here.numbers[2]};
     const struct umb_points points = {.positions = position,
                                       .format = UMB_POINT_F64,
                                       .normals = has_normal ? normal : NULL,
@@ -433,13 +434,36 @@ int umbx_explain(double x, double y, double z, int has_normal)
         return status;
     }
     umb_query_explain(&query, &points, 0, &e);
-    const double numbers[] = {e.answer,     e.lit_taps,     e.taps,        e.level,     e.frustum,
-                              e.nodes,      e.bricks,       e.transmittance, e.bias_m,  e.cosine,
-                              e.voxel_size_m, e.footprint_m, e.facing_away, e.undefined, e.outside,
-                              e.before,     e.behind,       e.has_normal,  e.moved[0],  e.moved[1],
-                              e.moved[2],   e.voxel[0],     e.voxel[1],    e.voxel[2],
-                              (double)e.cell[0], (double)e.cell[1], (double)e.cell[2],
-                              (double)e.window[0], (double)e.window[1], e.step_count};
+    const double numbers[] = {e.answer,
+                              e.lit_taps,
+                              e.taps,
+                              e.level,
+                              e.frustum,
+                              e.nodes,
+                              e.bricks,
+                              e.transmittance,
+                              e.bias_m,
+                              e.cosine,
+                              e.voxel_size_m,
+                              e.footprint_m,
+                              e.facing_away,
+                              e.undefined,
+                              e.outside,
+                              e.before,
+                              e.behind,
+                              e.has_normal,
+                              e.moved[0],
+                              e.moved[1],
+                              e.moved[2],
+                              e.voxel[0],
+                              e.voxel[1],
+                              e.voxel[2],
+                              (double)e.cell[0],
+                              (double)e.cell[1],
+                              (double)e.cell[2],
+                              (double)e.window[0],
+                              (double)e.window[1],
+                              e.step_count};
     const size_t count = sizeof numbers / sizeof *numbers;
     memcpy(here.numbers, numbers, sizeof numbers);
     for (size_t i = 0; i < UMB_TAPS_MAX; i++) {

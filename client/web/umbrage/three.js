@@ -80,10 +80,11 @@ vec4 umbrage_mark(vec4 color) {
   if (umbrage_overlay == 3) {
     return vec4(missing > 0.0 ? 0.0 : 1.0, 1.0, 0.0, 1.0);
   }
-  float stripe = step(0.5, fract((gl_FragCoord.x + gl_FragCoord.y) / 10.0));
+  float across = fract((gl_FragCoord.x + gl_FragCoord.y) / 12.0);
   vec2 cell = fract(gl_FragCoord.xy / 6.0) - 0.5;
   if (missing > 0.0) {
-    return vec4(mix(color.rgb, mix(vec3(0.1, 0.05, 0.0), vec3(1.0, 0.7, 0.2), stripe), 0.75), color.a);
+    vec3 stripe = across < 0.17 ? vec3(0.15, 0.08, 0.0) : vec3(1.0, 0.72, 0.25);
+    return vec4(mix(color.rgb, stripe, across < 0.34 ? 0.85 : 0.2), color.a);
   }
   if (umbrage_overlay == 2 && mixed > 0.0) {
     return vec4(mix(color.rgb, dot(cell, cell) < 0.07 ? vec3(0.0) : vec3(0.55, 0.8, 1.0), 0.7), color.a);

@@ -36,7 +36,7 @@ class Viewer {
   #moves;
   #shadows;
   #lights = [];
-  #ambient = new THREE.HemisphereLight(0xdfeaf5, 0x8a8378, 0.5);
+  #ambient = new THREE.HemisphereLight(0xdfeaf5, 0x8a8378, 0.4);
   #counter = new THREE.WebGLRenderTarget(COUNT_SIDE, COUNT_SIDE);
   #stop = null;
   #timer = 0;
@@ -166,7 +166,7 @@ class Viewer {
     const place = suns.indexOf(indices[0]);
     this.#shadows.set({ lights: indices });
     this.#scene.remove(...this.#lights);
-    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: this.#shadows.byShader ? 0.85 : 0.6, reach: this.#size * 2 });
+    this.#lights = this.#shadows.makeLights({ color: 0xfff6e8, intensity: place >= 0 ? 0.62 : 0.4, reach: this.#size * 2 });
     this.#scene.add(...this.#lights);
     if (place >= 0) {
       byId("sun").value = place;
@@ -322,7 +322,7 @@ class Viewer {
     this.state.bound = bound;
     const parts = [["fetched", `${bytesText(received_bytes)} of ${bytesText(asset_bytes)}`],
       ["pages", `${pages_held} of ${pages}`], ["exact", `${share} % of the points`],
-      ["bound", bound > 0 ? `${significant(bound, 3)} m` : "none"], ["frame", `${frame_ms.toFixed(1)} ms`]];
+      ["bound", bound > 0 ? `${significant(bound, 3)} m` : "none"], ["frame", frame_ms < 1000 ? `${frame_ms.toFixed(1)} ms` : `${(frame_ms / 1000).toFixed(1)} s`]];
     byId("figures").className = "";
     byId("figures").replaceChildren(...parts.map(([name, text]) => {
       const part = document.createElement("span"), value = document.createElement("b");

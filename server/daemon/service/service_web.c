@@ -50,8 +50,7 @@ static int is_meant_for_us(const struct umbd_call *call)
     const struct umbn_http1_text host = call->web->request->host;
     const struct umbd_options *options = &call->server->options;
     return call->backend->tokens != NULL || options->without_tokens || call->conn->tls != NULL ||
-           umbd_conn_is_local(call->conn) || host.bytes == NULL ||
-           umbn_host_is_local(host);
+           umbd_conn_is_local(call->conn) || host.bytes == NULL || umbn_host_is_local(host);
 }
 
 /* Answers a browser that asks whether a page may send a request. It carries no token. */
