@@ -27,7 +27,7 @@ viewer="clang lld wasi-libc libclang-rt-dev-wasm32 libjs-three"
 optional="
     $viewer clang-tidy clang-format valgrind abigail-tools
     nodejs node-typescript
-    chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
+    chromium glslang-tools libvulkan-dev mesa-vulkan-drivers haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
     debhelper dh-python debootstrap faketime locales reuse lintian python3-yaml python3-matplotlib python3-pip mypy
 "
 

@@ -29,6 +29,12 @@ struct UmbragePlacement {
     vec4 axis;   // The face's axis
 };
 
+// A position in units, if it is in range.
+struct UmbrageUnits {
+    ivec3 at;
+    bool in_range;
+};
+
 // A position in a face of a lamp, and the length of the bias in metres.
 struct UmbrageSight {
     int face;
@@ -466,6 +472,22 @@ float umbrage_dot(vec3 a, vec4 b)
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
+// Takes a position, and its move by the bias, to units.
+UmbrageUnits umbrage_units(UmbragePlacement at, vec3 position, vec3 move_by)
+{
+    float scale = at.step_x.w;
+    vec3 p = vec3(position.x * scale, position.y * scale, position.z * scale);
+    vec3 m = vec3(move_by.x * scale, move_by.y * scale, move_by.z * scale);
+    float limit = 1073741824.0;
+    UmbrageUnits units;
+    units.at = ivec3(0, 0, 0);
+    units.in_range = abs(p.x) + abs(m.x) < limit && abs(p.y) + abs(m.y) < limit && abs(p.z) + abs(m.z) < limit;
+    if (units.in_range) {
+        units.at = ivec3(int(p.x) + int(m.x), int(p.y) + int(m.y), int(p.z) + int(m.z));
+    }
+    return units;
+}
+
 // Bias of a look-up: x: shift in depth towards the light, voxels; y, z: slopes of the surface; w: move along the normal,
 // in units of the normal.
 vec4 umbrage_bias(UmbragePlacement at, vec3 normal, float length2, float taps, float steps)
@@ -512,14 +534,11 @@ ivec4 umbrage_place_steps(UmbragePlacement at, vec3 position, vec3 normal, float
     } else {
         bias.w = at.light.w;
     }
-    float scale = at.step_x.w;
-    float limit = 1073741824.0;
-    if (!(abs(position.x * scale) < limit && abs(position.y * scale) < limit && abs(position.z * scale) < limit)) {
+    UmbrageUnits moved = umbrage_units(at, position, vec3(along.x * bias.w, along.y * bias.w, along.z * bias.w));
+    if (!moved.in_range) {
         return ivec4(0, 0, 0, 1);
     }
-    ivec3 units = ivec3(int(position.x * scale) + int(along.x * bias.w * scale),
-                        int(position.y * scale) + int(along.y * bias.w * scale),
-                        int(position.z * scale) + int(along.z * bias.w * scale));
+    ivec3 units = moved.at;
     uint shift = uint(at.info.x);
     uvec2 x = umbrage_row(at.row_x, at.low.x, units);
     uvec2 y = umbrage_row(at.row_y, at.low.y, units);
@@ -695,14 +714,11 @@ UmbrageSight umbrage_sight(UmbragePlacement faces[6], int count, vec3 from_lamp,
 // Finds the voxel of a position that moves by `bias` along a unit vector, in a face. w: as of umbrage_place.
 ivec4 umbrage_place_face(UmbragePlacement at, vec3 position, vec3 along, float bias)
 {
-    float scale = at.step_x.w;
-    float limit = 1073741824.0;
-    if (!(abs(position.x * scale) < limit && abs(position.y * scale) < limit && abs(position.z * scale) < limit)) {
+    UmbrageUnits moved = umbrage_units(at, position, vec3(along.x * bias, along.y * bias, along.z * bias));
+    if (!moved.in_range) {
         return ivec4(0, 0, 0, 1);
     }
-    ivec3 units = ivec3(int(position.x * scale) + int(along.x * bias * scale),
-                        int(position.y * scale) + int(along.y * bias * scale),
-                        int(position.z * scale) + int(along.z * bias * scale));
+    ivec3 units = moved.at;
     uvec2 w = umbrage_row(at.row_w, at.low.w, units);
     if (int(w.y) < 0 || (w.x == 0u && w.y == 0u)) {
         return ivec4(0, 0, 0, 1);

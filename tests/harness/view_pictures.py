@@ -14,7 +14,7 @@ import tempfile
 import devtools
 import view_server
 
-CITY = "#eye=150,62,190&target=-60,10,-80&fov=45"
+CITY = "#eye=60,52,90&target=-30,5,-50&fov=45"
 WAIT_S = 580
 # Name, which asset, width, height, a phone, dark, the view, what happens before the picture.
 PICTURES = [

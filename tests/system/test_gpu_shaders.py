@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 The shader includes compile in their languages, where the compilers are: GLSL ES, GLSL and HLSL by glslangValidator, CUDA
-by nvcc, C++ by g++. WGSL is compiled by Chromium (test_gpu_browser.py), C by the unit test test_gpu_walk.
+by nvcc, C++ by g++. The Vulkan example answers as the file does, by any Vulkan driver. WGSL is compiled by Chromium (test_gpu_browser.py), C by the unit test test_gpu_walk.
 """
+import glob
 import os
 import shutil
+import struct
 import subprocess
 import sys
 
@@ -31,16 +33,8 @@ RWStructuredBuffer<float4> points : register(u1);
     float4(umbrage_box(sun, points[id.x].xyz, float3(0, 0, 0), 9), umbrage_tent(sun, points[id.x].xyz, float3(0, 0, 0), 5))
     + umbrage_coarse(sun, points[id.x].xyz, float3(0, 0, 0), 3u).xyxy; }
 """
-CUDA = """#include "umbrage.cuh"
-__global__ void shade(const uint4 *data, UmbragePlacement sun, const float3 *points, float4 *light)
-{
-    const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
-    const float2 box = umbrage_box(data, sun, points[i], make_float3(0, 0, 0), 9);
-    const float2 tent = umbrage_tent(data, sun, points[i], make_float3(0, 0, 0), 5);
-    const float2 coarse = umbrage_coarse(data, sun, points[i], make_float3(0, 0, 0), 3u);
-    light[i] = make_float4(box.x, box.y, tent.x, coarse.x);
-}
-"""
+with open(os.path.join(ut.ROOT, "docs", "examples", "cuda_shadows.cu"), encoding="utf-8") as example_file:
+    CUDA = example_file.read()
 NVCC = shutil.which("nvcc") or "/usr/local/cuda/bin/nvcc"
 # Name, compiler, include and what stands before and behind it, file, options.
 SHADERS = [
@@ -49,10 +43,49 @@ SHADERS = [
     ("GLSL 4.50", "glslangValidator", "umbrage.glsl", "#version 450\n", GLSL, "shader.comp", ["-V", "-o", os.devnull]),
     ("HLSL", "glslangValidator", "umbrage.hlsl", "", HLSL, "shader.hlsl",
      ["-V", "-D", "-e", "main", "-S", "comp", "-o", os.devnull]),
-    ("CUDA", NVCC, None, CUDA, "", "shader.cu", ["-Werror", "all-warnings", "-c", "-o", os.devnull, "-I", INCLUDES]),
+    ("CUDA", NVCC, None, CUDA, "", "shader.cu", ["-Werror", "all-warnings", "-c", "-o", os.devnull, "-I", INCLUDES, "-I", os.path.join(ut.ROOT, "client", "include")]),
     ("C++", "g++", None, '#include "umbrage.cuh"\n', "", "shader.cc",
      ["-std=c++11", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only", "-I", INCLUDES]),
 ]
+
+
+
+def vulkan_lacks():
+    """What the Vulkan example needs and is not here, or None."""
+    if shutil.which("glslangValidator") is None:
+        return "glslangValidator is not installed"
+    if subprocess.run(["pkg-config", "--exists", "vulkan"], check=False).returncode != 0:
+        return "libvulkan-dev is not installed"
+    return None if glob.glob("/usr/share/vulkan/icd.d/*.json") else "there is no Vulkan driver (mesa-vulkan-drivers)"
+
+
+def check_vulkan(test):
+    """Each answer of the example is that of `umbrage query`, unless the look-up is next to a voxel's border."""
+    example, points, count = os.path.join(ut.ROOT, "docs", "examples"), test.path("points.f32"), 40000
+    scene = test.scene("city", 6)
+    test.bake(scene, test.path("city.umb"), "--resolution", 2048, "--verify", 0)
+    ut.run("umbrage", "points", scene, "-o", points, "--count", count, "--normals", "--quiet")
+    ut.run("umbrage", "query", test.path("city.umb"), "--points", points, "--format", "f32", "--normals", "--encoding",
+           "f32", "-o", test.path("expected.f32"), "--taps", 9, "--quiet")
+    ut.run("gpu_voxels", test.path("city.umb"), points, 0, 9, 0, test.path("places"))
+    subprocess.run(["glslangValidator", "-V", "-I" + INCLUDES, os.path.join(example, "vulkan_shadows.comp"), "-o",
+                    test.path("shadows.spv")], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(["gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-I" + os.path.join(ut.ROOT, "client", "include"),
+                    os.path.join(example, "vulkan_shadows.c"), os.path.join(ut.BUILD, "libumbrage-core.a"), "-lvulkan",
+                    "-lxxhash", "-lzstd", "-lm", "-o", test.path("shadows")], check=True)
+    done = subprocess.run([test.path("shadows"), test.path("city.umb"), points, test.path("shadows.spv")],
+                          stdout=subprocess.PIPE, timeout=120, check=True)
+    with open(test.path("expected.f32"), "rb") as file:
+        expected = struct.unpack(f"<{count}f", file.read())
+    with open(test.path("places"), "rb") as file:
+        places = list(struct.iter_unpack("<4i2f", file.read()))
+    answers = struct.unpack(f"<{count}f", done.stdout)
+    differ = [i for i in range(count) if answers[i] != expected[i]]
+    assert len(set(expected)) > 40, "points that do not test anything"
+    for i in differ:
+        assert min(places[i][4:]) < 1 / 256, f"point {i}: {answers[i]}, not {expected[i]}: {places[i]}"
+    print(f"{len(differ)} of {count} answers differ, next to a border")
+
 
 test = ut.Test()
 for name, compiler, include, before, behind, file_name, options in SHADERS:
@@ -69,4 +102,10 @@ for name, compiler, include, before, behind, file_name, options in SHADERS:
         done = subprocess.run([compiler, *options, test.path(file_name)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               timeout=120, check=False)
         assert done.returncode == 0, done.stdout.decode()
+lacks = "the core is built with sanitizers" if ut.is_sanitized() else vulkan_lacks()
+if lacks:
+    ut.left_out("the Vulkan example", lacks)
+else:
+    with test.check("the Vulkan example answers as the file does"):
+        check_vulkan(test)
 test.finish()

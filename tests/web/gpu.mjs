@@ -93,33 +93,34 @@ async function stream(engine, config, points, count) {
   return steps.map(({ sent, all, exact }) => `${sent} of ${all} bytes, ${exact} exact`).join("; ");
 }
 
-export async function checks() {
+export async function checks(name) {
   const done = [];
-  const check = async (name, work) => {
+  const check = async (what, work) => {
     try {
-      done.push({ name, ok: true, detail: (await work()) ?? "" });
+      done.push({ name: `${name}: ${what}`, ok: true, detail: (await work()) ?? "" });
     } catch (error) {
-      done.push({ name, ok: false, detail: String(error.stack ?? error) });
+      done.push({ name: `${name}: ${what}`, ok: false, detail: String(error.stack ?? error) });
     }
   };
-  const config = await (await fetch("/files/gpu.json")).json();
-  const engine = await (config.engine === "webgl" ? WebGL : WebGPU).make().catch((error) => {
-    done.push({ name: `${config.engine}: the shaders compile`, ok: false, detail: String(error) });
+  let engine;
+  await check("the shaders compile", async () => {
+    engine = await (name === "webgl" ? WebGL : WebGPU).make();
   });
   if (engine === null) {
-    return [{ name: `${config.engine} is not here`, ok: true, detail: "", missing: true }];
+    return [{ missing: true }];
   }
   if (engine) {
+    const config = await (await fetch("/files/gpu.json")).json();
     const points = new Float32Array(await read(config.points)), count = points.length / 6;
     engine.points(points, count);
     const asset = await umbrage.open(`/files/${config.asset}`);
     await asset.want({});
     engine.apply(asset.changes());
     for (const one of config.cases) {
-      await check(`${config.engine}: ${one.filter}, light ${one.light}, ${one.taps} taps, level ${one.level}`,
+      await check(`${one.filter}, light ${one.light}, ${one.taps} taps, level ${one.level}`,
         () => compare(engine, asset, one, count));
     }
-    await check(`${config.engine}: pages arrive`, () => stream(engine, config, points, count));
+    await check("pages arrive", () => stream(engine, config, points, count));
   }
   return done;
 }

@@ -92,7 +92,7 @@ export class WebGL {
 
   static async make() {
     const engine = new WebGL();
-    return engine.#gl?.getExtension("EXT_color_buffer_float") !== undefined && engine.#gl ? engine : null;
+    return engine.#gl ? engine : null;
   }
 
   constructor() {

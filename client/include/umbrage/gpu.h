@@ -86,11 +86,13 @@ struct umb_gpu_placement {
 /*
  * How precisely the shader places positions. A position whose voxel coordinates, with the bias of
  * its look-up, are farther than these bounds from a whole number gets the voxel that umb_query_run
- * computes from the same position in doubles. Under a light that is not directional the bounds hold
- * at the far side of the face; nearer to the light they grow as voxels there shrink.
+ * computes from the same position in doubles. The bounds are those of windows; of coarse look-ups,
+ * whose bias is longer, they are 2^level times as large. Under a light that is not directional the
+ * bounds hold at the far side of the face; nearer to the light they grow as voxels there shrink.
  */
 struct umb_gpu_precision {
-    double range_m;       /* Positions with a coordinate beyond this distance from 0 count as lit */
+    double range_m;       /* Positions with a coordinate beyond this distance from 0, bias included,
+                       count as lit */
     double across;        /* Bound of x and y, in voxels */
     double depth;         /* Bound of z, in voxels */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
@@ -137,8 +139,8 @@ UMB_API size_t umb_gpu_changes(struct umb_partial *partial, const struct umb_gpu
 UMB_API void umb_gpu_forget_changes(struct umb_partial *partial);
 
 /*
- * Computes what takes the shader's positions to the voxels of a directional light, or of one face of
- * another light.
+ * Computes what takes the shader's positions to the voxels of a directional light, or of one face
+ * of another light.
  *
  * Fails: E_NOT_FOUND (no such light), E_ARGUMENT (view; the field is named).
  */

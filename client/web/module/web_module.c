@@ -509,8 +509,8 @@ void umbx_gpu_write(uint32_t first, uint32_t count, uint32_t *entries)
     umb_gpu_write(umb_partial_lower(here.partial), here.partial, &here.gpu, first, count, entries);
 }
 
-/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias, face. Out: numbers: range
- * in metres, bounds across and in depth in voxels. */
+/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias, face. Out: numbers:
+ * range in metres, bounds across and in depth in voxels. */
 int umbx_gpu_place(void)
 {
     const double *in = here.numbers;
