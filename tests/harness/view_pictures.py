@@ -14,13 +14,12 @@ import tempfile
 import devtools
 import view_server
 
-CITY = "#eye=60,52,90&target=-30,5,-50&fov=45"
 WAIT_S = 580
 # Name, which asset, width, height, a phone, dark, the view, what happens before the picture.
 PICTURES = [
-    ("view-exact.png", 0, 1000, 620, False, False, CITY + "&overlay=bound", "arriving"),
+    ("view.png", 0, 1400, 560, False, False, "#eye=120,95,150&target=-5,5,-5&fov=35", "explained"),
+    ("view-exact.png", 0, 900, 480, False, False, "#eye=60,75,90&target=20,5,40&fov=40&overlay=bound&move=walk", "turned"),
     ("view-phone.png", 1, 390, 760, True, True, "#eye=-20,6,3&target=0,2,0&move=walk", "exact"),
-    ("view.png", 0, 1400, 560, False, False, CITY, "explained"),
 ]
 
 
@@ -29,11 +28,12 @@ def take(chromium, address, picture, folder):
     page = chromium.page(width, height, mobile, dark)
     page.open(address + view)
     page.wait("globalThis.umbrageViewer?.state.frames > 0", WAIT_S)
-    if moment == "arriving":
-        page.evaluate("umbrageViewer.state.frame_ms = 0")  # In software the page would wait for all pages
-        page.wait("umbrageViewer.state.frames > 1", WAIT_S)
-    else:
-        page.wait("umbrageViewer.state.loading === 0 && umbrageViewer.state.exact === umbrageViewer.state.points", WAIT_S)
+    page.wait("umbrageViewer.state.loading === 0 && umbrageViewer.state.exact === umbrageViewer.state.points", WAIT_S)
+    if moment == "turned":  # The pages of the new view are not there yet
+        page.call("Input.dispatchMouseEvent", type="mousePressed", x=300, y=200, button="left", buttons=1, clickCount=1)
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=420, y=200, button="left", buttons=1)
+        drawn = page.evaluate("umbrageViewer.state.frames")
+        page.wait(f"umbrageViewer.state.frames > {drawn}", WAIT_S)
     if moment == "explained":
         page.evaluate("umbrageViewer.explainAt(0.44, 0.62)")
     page.screenshot(os.path.join(folder, name))

@@ -5,6 +5,7 @@ The page of `umbrage view` in headless Chromium: it opens without a complaint, b
 `umbrage query --explain` does, works by keys and by touch, on the width of a phone, in light and dark.
 """
 import os
+import shutil
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -21,7 +22,7 @@ if not os.path.exists("/usr/share/javascript/three/build/three.module.js"):
     ut.skip("three.js is not installed: libjs-three")
 test = ut.Test()
 scene, asset = test.scene("city", 6), test.path("city.umb")
-test.bake(scene, asset, "--resolution", 2048, "--sun", "135,40", "--sun", "200,55", "--verify", 0)
+ID = test.bake(scene, asset, "--resolution", 2048, "--sun", "135,40", "--sun", "200,55", "--verify", 0)["asset"]
 WAIT_S = 90  # Chromium draws in software here, beside other tests
 EXACT = "umbrageViewer.state.loading === 0 && umbrageViewer.state.points > 0 && " \
     "umbrageViewer.state.exact === umbrageViewer.state.points"
@@ -42,7 +43,13 @@ def same(ours, theirs):
     assert ours == theirs, f"the page says\n{ours}\nthe command says\n{theirs}"
 
 
-view = view_server.View(asset, "--scene", scene)
+# The page, and beside it the example of docs/guide/web.md.
+os.mkdir(test.path("bin"))
+shutil.copy(ut.program("umbrage"), test.path("bin"))
+for name in ("umbrage", "viewer"):
+    shutil.copytree(os.path.join(ut.BUILD, "web", name), test.path("bin", "web", name))
+shutil.copy(os.path.join(ut.ROOT, "docs", "examples", "three.html"), test.path("bin", "web", "viewer"))
+view = view_server.View(asset, "--scene", scene, program=test.path("bin", "umbrage"))
 with devtools.Chromium(test.path("profile")) as chromium:
     page = chromium.page(640, 300)
     with test.check("the page opens, and its figures become exact"):
@@ -66,9 +73,19 @@ with devtools.Chromium(test.path("profile")) as chromium:
         page.evaluate("umbrageViewer.explainAt(0.4, 0.55)")
         picked = page.evaluate("umbrageViewer.state.picked")
         same(picked["text"], explained(picked["point"], picked["normal"], 7, 1))
+    with test.check("every control has a name"):
+        nameless = page.evaluate("""[...document.querySelectorAll('button, input, select')].filter((one) =>
+            !(one.textContent.trim() || one.ariaLabel || one.labels?.length)).map((one) => one.outerHTML)""")
+        assert nameless == [], nameless
     with test.check("every request went to its own server, and nothing complained"):
         assert all(url.startswith((view.address, "blob:", "data:")) for url in page.requests), page.requests
         assert page.troubles == [], page.troubles
+    with test.check("the example: shadows of the asset beside a shadow map of three.js"):
+        page.open(f"{view.address}three.html?asset=asset-{ID}.umb&scene=scene/{os.path.basename(scene)}")
+        page.wait("globalThis.frames_drawn > 1", WAIT_S)
+        page.wait("/^\\d+ kB fetched$/.test(document.getElementById('figures').textContent)", WAIT_S)
+        assert page.troubles == [], page.troubles
+        page.open("about:blank")  # It would be drawn on
     phone = chromium.page(390, 844, mobile=True, dark=True)
     with test.check("on a phone, in the dark: touch turns the picture, nothing is wider than the screen"):
         phone.open(view.address + "#move=walk")
@@ -81,9 +98,5 @@ with devtools.Chromium(test.path("profile")) as chromium:
         assert phone.evaluate("!document.getElementById('pad').hidden")
         ground = phone.evaluate("getComputedStyle(document.body).backgroundColor")
         assert ground == "rgb(17, 23, 29)" and phone.troubles == [], (ground, phone.troubles)
-    with test.check("every control has a name"):
-        nameless = page.evaluate("""[...document.querySelectorAll('button, input, select')].filter((one) =>
-            !(one.textContent.trim() || one.ariaLabel || one.labels?.length)).map((one) => one.outerHTML)""")
-        assert nameless == [], nameless
 view.close()
 test.finish()
