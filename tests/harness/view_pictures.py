@@ -17,7 +17,7 @@ import view_server
 WAIT_S = 580
 # Name, which asset, width, height, a phone, dark, the view, what happens before the picture.
 PICTURES = [
-    ("view.png", 0, 1400, 560, False, False, "#eye=120,95,150&target=-5,5,-5&fov=35", "explained"),
+    ("view.png", 0, 1280, 720, False, False, "#eye=-130,80,-110&target=5,5,5&fov=40", "explained"),
     ("view-exact.png", 0, 900, 480, False, False, "#eye=60,75,90&target=20,5,40&fov=40&overlay=bound&move=walk", "turned"),
     ("view-phone.png", 1, 390, 760, True, True, "#eye=-20,6,3&target=0,2,0&move=walk", "exact"),
 ]
@@ -30,8 +30,8 @@ def take(chromium, address, picture, folder):
     page.wait("globalThis.umbrageViewer?.state.frames > 0", WAIT_S)
     page.wait("umbrageViewer.state.loading === 0 && umbrageViewer.state.exact === umbrageViewer.state.points", WAIT_S)
     if moment == "turned":  # The pages of the new view are not there yet
-        page.call("Input.dispatchMouseEvent", type="mousePressed", x=300, y=200, button="left", buttons=1, clickCount=1)
-        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=420, y=200, button="left", buttons=1)
+        page.call("Input.dispatchMouseEvent", type="mousePressed", x=520, y=200, button="left", buttons=1, clickCount=1)
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=300, y=200, button="left", buttons=1)
         drawn = page.evaluate("umbrageViewer.state.frames")
         page.wait(f"umbrageViewer.state.frames > {drawn}", WAIT_S)
     if moment == "explained":
