@@ -111,16 +111,7 @@ function transform(m, [x, y, z], w) {
   return [0, 1, 2].map((row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row] * w);
 }
 
-/**
- * Shadows of one asset for the materials of one renderer.
- *
- *     const shadows = new Shadows(THREE, renderer, asset, { taps: 9 });
- *     shadows.add(scene);                  // its materials
- *     scene.add(...shadows.makeLights());  // or lights of your own at the same places
- *     // each frame:
- *     shadows.update(camera);
- *     renderer.render(scene, camera);
- */
+/** Shadows of one asset for the materials of one renderer: docs/guide/web.md has an example. */
 export class Shadows {
   #THREE;
   #gl;
