@@ -12,6 +12,11 @@ demo: deps ## build, bake a city, serve it, query it, draw it: two minutes
 	@$(MAKE) --no-print-directory -j$(CORES) all $(BUILD)/scenegen
 	@BUILD=$(BUILD) sh deploy/demo.sh
 
+view: ## open the city of `make demo` in the browser, or VIEW="ASSET --scene SCENE"
+	@sh deploy/deps.sh --view
+	@$(MAKE) --no-print-directory -j$(CORES) $(BUILD)/umbrage web
+	@$(BUILD)/umbrage view $(or $(VIEW),demo-out/city.umb --scene demo-out/city.glb)
+
 container: ## the container image (BASE_DIGEST=sha256:..., IMAGE=umbrage; podman, or BUILDER=docker)
 	@sh deploy/container.sh "$(BASE_DIGEST)" "$(or $(IMAGE),umbrage)"
 
@@ -131,4 +136,4 @@ release: ## everything of a release in BUILD/dist: source archive, packages, whe
 
 FORCE:
 
-.PHONY: sbom release dist deb install-python completions container deps deps-full demo man install install-docs install-libraries FORCE
+.PHONY: sbom release dist deb install-python completions container deps deps-full demo view man install install-docs install-libraries FORCE

@@ -192,6 +192,9 @@ def make(source):
              "umbrage.cuh": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
     # Without comments and indents: they go over the web.
     short = {name: re.sub(r"\n\s+", "\n", re.sub(r"\s*//.*", "", text)).lstrip() for name, text in texts.items()}
+    # A package is loaded: blanks beside these signs, and ends of lines that no directive follows, mean nothing.
+    short = {name: re.sub(r"([{};])\n(?!#)", r"\1", re.sub(r" ?(==|\+=|[=,*+;]) ?", r"\1", text.replace("\n{", "{")))
+             for name, text in short.items()}
     texts["shaders.js"] = NOTE + "".join(
         f"export const {name} = `{short[file]}`;\n" for name, file in (("glsl", "umbrage_es.glsl"), ("wgsl", "umbrage.wgsl")))
     return texts

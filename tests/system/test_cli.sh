@@ -22,7 +22,7 @@ for program in umbrage umbraged umbrage-bake umbrage-study; do
     check "  a usage error is on stderr" test -s err
     check "  and nothing on stdout" test ! -s out
 done
-for command in info query sample list load submit watch jobs cancel fetch rm verify stream derive frames \
+for command in info query sample list load submit watch jobs cancel fetch rm verify stream derive frames view \
     pack unpack; do
     try 0 umbrage $command --help
     check "  with a usage line" grep -q "umbrage $command" out

@@ -17,7 +17,7 @@
 #include "web/module/web_sha256.h"
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
-#define NUMBERS      48
+#define NUMBERS      96
 
 static struct {
     struct umb_partial *partial;
@@ -60,6 +60,7 @@ int EXPORT(umbx_gpu_place)(void);
 const void *EXPORT(umbx_gpu_placement)(void);
 int EXPORT(umbx_query)(const void *positions, int is_f64, size_t count, const float *normals,
                        const float *footprints, int want, void *values, float *room);
+int EXPORT(umbx_explain)(double x, double y, double z, int has_normal);
 
 double *umbx_numbers(void)
 {
@@ -409,6 +410,72 @@ int umbx_query(const void *positions, int is_f64, size_t count, const float *nor
         put_counts(count, 0, &stats);
     }
     return status;
+}
+
+/* Explains the answer of one point from the pages that are held. In: numbers: the normal. Out:
+ * numbers: as asset.js names them. */
+int umbx_explain(double x, double y, double z, int has_normal)
+{
+    const double position[3] = {x, y, z};
+    const float normal[3] = {(float)here.numbers[0], (float)here.numbers[1],
+                             (float)here.numbers[2]};
+    const struct umb_points points = {.positions = position,
+                                      .format = UMB_POINT_F64,
+                                      .normals = has_normal ? normal : NULL,
+                                      .count = 1};
+    struct umb_explanation e = {.answer = 0};
+    struct umb_query query;
+    enum umb_status status =
+        umb_query_prepare(umb_partial_lower(here.partial), &here.settings, &query, &here.error);
+    if (status == UMB_OK) {
+        status = umb_points_check(&points, &here.error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_query_explain(&query, &points, 0, &e);
+    const double numbers[] = {e.answer,
+                              e.lit_taps,
+                              e.taps,
+                              e.level,
+                              e.frustum,
+                              e.nodes,
+                              e.bricks,
+                              e.transmittance,
+                              e.bias_m,
+                              e.cosine,
+                              e.voxel_size_m,
+                              e.footprint_m,
+                              e.facing_away,
+                              e.undefined,
+                              e.outside,
+                              e.before,
+                              e.behind,
+                              e.has_normal,
+                              e.moved[0],
+                              e.moved[1],
+                              e.moved[2],
+                              e.voxel[0],
+                              e.voxel[1],
+                              e.voxel[2],
+                              (double)e.cell[0],
+                              (double)e.cell[1],
+                              (double)e.cell[2],
+                              (double)e.window[0],
+                              (double)e.window[1],
+                              e.step_count};
+    const size_t count = sizeof numbers / sizeof *numbers;
+    memcpy(here.numbers, numbers, sizeof numbers);
+    for (size_t i = 0; i < UMB_TAPS_MAX; i++) {
+        here.numbers[count + i] = e.rows[i];
+    }
+    for (size_t i = 0; i < sizeof e.steps / sizeof *e.steps; i++) {
+        double *step = here.numbers + count + UMB_TAPS_MAX + 3 * i;
+        step[0] = e.steps[i].level;
+        step[1] = e.steps[i].state;
+        step[2] = (double)e.steps[i].index;
+    }
+    return UMB_OK;
 }
 
 /* --- for GPUs --------------------------------------------------------------------------------- */

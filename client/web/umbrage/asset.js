@@ -8,7 +8,12 @@ import { Module } from "./module.js";
 const SLICE = 32_768; // Points that are answered at a time
 const TURN_MS = 8; // A query of many points lets other work of the page in after this time
 const KINDS = ["directional", "spot", "point", "rectangle", "disc"];
-const OWN = new Set(["normals", "footprints", "origin", "bias", "bias_unit", "light", "want", "bounds"]);
+// What explain() gives, in the order of umbx_explain; the number behind a name: that many numbers.
+const EXPLAINED = { answer: 1, lit_taps: 1, taps: 1, level: 1, frustum: 1, nodes: 1, bricks: 1, transmittance: 1, bias_m: 1,
+  cosine: 1, voxel_size_m: 1, footprint_m: 1, facing_away: 0, undefined: 0, outside: 0, before: 0, behind: 0, has_normal: 0,
+  moved: 3, voxel: 3, cell: 3, window: 2, step_count: 1, rows: 17, steps: 48 };
+const STATES = ["shadowed", "lit", "mixed"];
+const OWN = new Set(["normal", "normals", "footprints", "origin", "bias", "bias_unit", "light", "want", "bounds"]);
 const MEMORY = 256 << 20;
 
 /** Ends the turn of this query, so that other events are handled. */
@@ -228,6 +233,22 @@ export class Asset {
       throw error;
     }
     answers.copyOut(module, this.#scratch, first, count);
+  }
+
+  explain(point, options = {}) {
+    const module = this.#opened(), [x, y, z] = triple(point, "point"), { normal } = options;
+    this.#prepare(options);
+    module.numbers(3).set(normal === undefined ? [0, 0, 0] : triple(normal, "normal"));
+    module.run("explain", x, y, z, normal === undefined ? 0 : 1);
+    const numbers = Array.from(module.numbers(96)), explanation = {};
+    let at = 0;
+    for (const [name, count] of Object.entries(EXPLAINED)) {
+      const some = numbers.slice(at, at += count || 1);
+      explanation[name] = count === 0 ? some[0] !== 0 : count === 1 ? some[0] : some;
+    }
+    const { step_count, steps, ...rest } = explanation;
+    return { ...rest, rows: rest.rows.slice(0, rest.taps), steps: Array.from({ length: Math.min(step_count, 16) },
+      (_, i) => ({ level: steps[3 * i], state: STATES[steps[3 * i + 1]], index: steps[3 * i + 2] })) };
   }
 
   async close() {

@@ -143,6 +143,35 @@ export interface Answers<Values = Float32Array> {
   stats: Record<"points" | "outside" | "before" | "behind" | "facing_away" | "undefined" | "nodes" | "bricks", number>;
 }
 
+/** How an answer comes about: struct umb_explanation of umbrage/query.h. */
+export interface Explanation {
+  answer: number;
+  lit_taps: number;
+  taps: number;
+  level: number;
+  frustum: number;
+  nodes: number;
+  bricks: number;
+  transmittance: number;
+  bias_m: number;
+  cosine: number;
+  voxel_size_m: number;
+  footprint_m: number;
+  facing_away: boolean;
+  undefined: boolean;
+  outside: boolean;
+  before: boolean;
+  behind: boolean;
+  has_normal: boolean;
+  moved: number[];
+  voxel: number[];
+  cell: number[];
+  window: number[];
+  /** Bit i of row j: texel (window[0] + i, window[1] + j) is lit. */
+  rows: number[];
+  steps: { level: number; state: "shadowed" | "lit" | "mixed"; index: number }[];
+}
+
 export interface Light {
   name: string;
   kind: "directional" | "spot" | "point" | "rectangle" | "disc" | "unknown";
@@ -207,6 +236,8 @@ export class Asset {
   query(points: Float32Array | Float64Array, settings?: QuerySettings & { format?: "f32" }): Promise<Answers>;
   query(points: Float32Array | Float64Array, settings: QuerySettings & { format: "u8" | "bit" }):
     Promise<Answers<Uint8Array>>;
+  /** Explains the answer of one point from the pages that are held; where one is missing, as if shadowed there. */
+  explain(point: Triple, settings?: Omit<QuerySettings, "normals"> & { normal?: Triple }): Explanation;
   held(): Held;
   /** What changed for a GPU since the last call; the first time all. For one consumer. */
   changes(): Changes;
