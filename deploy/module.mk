@@ -86,7 +86,7 @@ install-python: python ## install the Python module under DESTDIR and pythondir
 	install -d $(DESTDIR)$(pythondir)/umbrage
 	install -m 0644 $(PYTHON_OUT) $(PYTHON_DIR)/_declarations.py $(DESTDIR)$(pythondir)/umbrage
 
-install: all gpu man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
+install: all gpu web-if-here man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
@@ -104,6 +104,8 @@ install: all gpu man completions $(UNIT) install-docs install-libraries ## insta
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
 	install -d $(DESTDIR)$(datadir)/slurm $(DESTDIR)$(datadir)/gpu
 	install -m 0644 $(GPU_FILES) $(DESTDIR)$(datadir)/gpu
+	if test -e $(WEB_PACKAGE)/umbrage.wasm; then install -d $(DESTDIR)$(datadir)/web/umbrage $(DESTDIR)$(datadir)/web/viewer && \
+		install -m 0644 $(WEB_PACKAGE)/* $(DESTDIR)$(datadir)/web/umbrage && install -m 0644 $(VIEWER_FILES) $(DESTDIR)$(datadir)/web/viewer; fi
 	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
