@@ -15,7 +15,6 @@ struct submit_settings {
     struct umbu_bake_settings bake;
     bool wait, json, quiet;
     int priority;
-    const char *replaces;
 };
 #define AT(field) UMBU_AT(struct submit_settings, field)
 
@@ -25,10 +24,6 @@ static const struct umbu_option OPTIONS[] = {
     {"wait", NULL, "waits for the end of the job, as `umbrage watch` does", UMBU_FLAG, AT(wait)},
     {"priority", "N", "priority among your own jobs, -10 to 10; higher first", UMBU_NUMBER(-10, 10),
      AT(priority), .standard = "0"},
-    {"replaces", "NAME",
-     "gives the asset this name when the job is done, in the place of the asset that has it; sends "
-     "only files that the name's last version did not have",
-     UMBU_TEXT, AT(replaces)},
     UMBU_STALL_ROW(struct submit_settings),
     {UMBU_JSON_ROW(struct submit_settings)},
     {UMBU_QUIET_ROW(struct submit_settings,
@@ -47,32 +42,18 @@ static const struct umbu_command COMMAND = {
                  UMBU_SESSION(struct submit_settings, session)},
 };
 
-/* Files and bytes of a submission that were sent. */
-struct sent {
-    struct umbu_progress progress;
-    size_t files;
-    uint64_t bytes;
-};
-
 static void on_sent(void *user, uint64_t done, uint64_t total)
 {
-    struct sent *sent = user;
-    sent->bytes = done;
-    umbu_progress_show(&sent->progress, 1e-6 * (double)done,
-                       total > 0 ? (double)done / (double)total : 1);
+    struct umbu_progress *progress = user;
+    umbu_progress_show(progress, 1e-6 * (double)done, total > 0 ? (double)done / (double)total : 1);
 }
 
-/* In: sent: NULL: not worth a word, since all files were sent. */
-static int report_submitted(const struct umb_job_submitted *submitted, const struct sent *sent,
-                            bool as_json, bool quiet)
+static int report_submitted(const struct umb_job_submitted *submitted, bool as_json, bool quiet)
 {
     if (as_json) {
         struct umbu_json json = umbu_json_open(stdout);
         umbu_json_text(&json, "job", submitted->job);
         umbu_json_bool(&json, "existing", submitted->existing != 0);
-        if (sent != NULL) {
-            UMBU_JSON_COUNTS(&json, {"files_sent", sent->files}, {"bytes_sent", sent->bytes});
-        }
         umbu_json_close(&json);
     } else {
         (void)printf(quiet ? "%s\n" : "job         %s%s\n", submitted->job,
@@ -93,53 +74,13 @@ static enum umb_status submit(struct umb_client *client,
                : status;
 }
 
-/* Number of files to send. In: kept: [count] or NULL. */
-static size_t count_sent(const uint8_t *kept, size_t count)
-{
-    size_t sent = 0;
-    for (size_t i = 0; i < count; i++) {
-        sent += kept == NULL || !kept[i];
-    }
-    return sent;
-}
-
-/* Asks which files the daemon lacks, and submits those. Without a name, submits all. */
-static enum umb_status submit_missing(struct umb_client *client,
-                                      struct umb_job_submission *submission, struct sent *sent,
-                                      struct umb_job_submitted *submitted, struct umb_error *error)
-{
-    uint8_t flags[UMBC_BUNDLE_FILES_MAX];
-    sent->files = submission->file_count;
-    if (submission->replaces != NULL) {
-        submission->missing = flags;
-        const enum umb_status status = submit(client, submission, submitted, error);
-        submission->missing = NULL;
-        if (status != UMB_OK || submitted->job[0] != '\0') {
-            sent->files = 0;
-            return status;
-        }
-        for (size_t i = 0; i < submission->file_count; i++) {
-            flags[i] = !flags[i];
-        }
-        submission->kept = flags;
-        sent->files = count_sent(flags, submission->file_count);
-    }
-    const enum umb_status status = submit(client, submission, submitted, error);
-    if (status != UMB_E_STATE || submission->kept == NULL) {
-        return status;
-    }
-    submission->kept = NULL; /* the last version was removed meanwhile */
-    sent->files = submission->file_count;
-    return submit(client, submission, submitted, error);
-}
-
 static int run(struct submit_settings *settings)
 {
     const bool quiet = settings->quiet, as_json = settings->json;
     struct umb_error error = {.status = UMB_OK};
     struct umb_job_submitted submitted;
     struct umbc_bundle bundle;
-    struct sent sent = {.bytes = 0};
+    struct umbu_progress progress;
     struct umb_client *client;
     if (umbc_bundle_gather(settings->target, quiet, &bundle, &error) != UMB_OK) {
         return umbc_complain(&error);
@@ -148,18 +89,17 @@ static int run(struct submit_settings *settings)
         umbc_bundle_finish(&bundle);
         return umbc_complain(&error);
     }
-    struct umb_job_submission submission = {.scene = bundle.files[0].path,
-                                            .files = bundle.files,
-                                            .file_count = bundle.count,
-                                            .settings = settings->bake.list,
-                                            .setting_count = settings->bake.count,
-                                            .priority = settings->priority,
-                                            .sent = on_sent,
-                                            .user = &sent,
-                                            .replaces = settings->replaces};
-    umbu_progress_begin(&sent.progress, "MB", quiet || as_json);
-    enum umb_status status = submit_missing(client, &submission, &sent, &submitted, &error);
-    umbu_progress_end(&sent.progress);
+    const struct umb_job_submission submission = {.scene = bundle.files[0].path,
+                                                  .files = bundle.files,
+                                                  .file_count = bundle.count,
+                                                  .settings = settings->bake.list,
+                                                  .setting_count = settings->bake.count,
+                                                  .priority = settings->priority,
+                                                  .sent = on_sent,
+                                                  .user = &progress};
+    umbu_progress_begin(&progress, "MB", quiet || as_json);
+    enum umb_status status = submit(client, &submission, &submitted, &error);
+    umbu_progress_end(&progress);
     umbc_bundle_finish(&bundle);
     int code;
     if (status != UMB_OK) {
@@ -167,8 +107,7 @@ static int run(struct submit_settings *settings)
     } else if (settings->wait) {
         code = umbc_job_wait(client, submitted.job, as_json, quiet);
     } else {
-        code =
-            report_submitted(&submitted, settings->replaces != NULL ? &sent : NULL, as_json, quiet);
+        code = report_submitted(&submitted, as_json, quiet);
     }
     umb_client_close(client);
     return code;

@@ -85,8 +85,7 @@ static enum umb_status hash_file(struct upload *upload, size_t index, struct umb
     (void)SHA256_Final(file->sha256, &hash);
     close(fd);
     file->path = upload->submission->files[index].path;
-    file->kept = upload->submission->kept != NULL && upload->submission->kept[index] != 0;
-    upload->total += file->kept ? 0 : file->size;
+    upload->total += file->size;
     return status;
 }
 
@@ -96,8 +95,6 @@ static enum umb_status make_manifest(struct upload *upload, struct umb_error *er
     struct umbw_manifest *manifest = &upload->manifest;
     manifest->scene = submission->scene;
     manifest->priority = submission->priority;
-    manifest->replaces = submission->replaces;
-    manifest->ask = submission->missing != NULL;
     manifest->files = calloc(submission->file_count + 1, sizeof *manifest->files);
     upload->piece = malloc(PIECE_BYTES);
     if (manifest->files == NULL || upload->piece == NULL) {
@@ -123,8 +120,7 @@ static enum umb_status next_file(struct upload *upload)
     }
     while (status == UMB_OK && upload->fd < 0 && upload->next < upload->manifest.file_count) {
         const size_t index = upload->next++;
-        const struct umbw_bundle_file *file = &upload->manifest.files[index];
-        upload->left = file->kept || upload->manifest.ask ? 0 : file->size;
+        upload->left = upload->manifest.files[index].size;
         if (upload->left > 0) {
             status = open_file(upload->submission->files[index].source, &upload->fd, NULL,
                                &upload->error);
@@ -164,26 +160,7 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
                               struct umb_error *error)
 {
     const struct upload *upload = out;
-    uint8_t *missing = upload->submission->missing;
-    const size_t files = upload->submission->file_count;
-    struct umbw_submit_reply reply;
-    const enum umb_status status = umbw_decode_submit_reply(message, size, &reply, error);
-    if (status != UMB_OK) {
-        return status;
-    }
-    *upload->submitted = reply.submitted;
-    if (missing == NULL) {
-        return UMB_OK;
-    }
-    if (reply.submitted.job[0] == '\0' && reply.missing_count != files) {
-        return umb_fail(error, UMB_E_CORRUPT,
-                        "missing: %zu bytes came, must be one for each of %zu files",
-                        reply.missing_count, files);
-    }
-    for (size_t i = 0; i < files; i++) {
-        missing[i] = reply.submitted.job[0] == '\0' && reply.missing[i] != 0;
-    }
-    return UMB_OK;
+    return umbw_decode_submit_reply(message, size, upload->submitted, error);
 }
 
 static enum umb_status finish(void *context, enum umb_status status, struct umb_error *error)

@@ -23,7 +23,6 @@ struct umbw_bundle_file {
     const char *path;
     uint64_t size;
     uint8_t sha256[UMB_ID_BYTES];
-    int kept;
 };
 
 struct umbw_manifest {
@@ -33,8 +32,6 @@ struct umbw_manifest {
     struct umb_job_setting *settings;
     size_t setting_count;
     int priority;
-    const char *replaces; /* "" or NULL: no name */
-    int ask;
 };
 
 /* One message of Submit: a manifest, or data. */
@@ -43,12 +40,6 @@ struct umbw_submit_request {
     struct umbw_manifest manifest;
     const uint8_t *data; /* Decoder: points into the message */
     size_t data_size;
-};
-
-struct umbw_submit_reply {
-    struct umb_job_submitted submitted;
-    const uint8_t *missing; /* [missing_count]; decoder: points into the message */
-    size_t missing_count;
 };
 
 struct umbw_job_list {
@@ -71,7 +62,7 @@ struct umbw_fetch_reply {
 void umbw_manifest_finish(struct umbw_manifest *manifest);
 
 UMBW_MESSAGE(submit_request, struct umbw_submit_request);
-UMBW_MESSAGE(submit_reply, struct umbw_submit_reply);
+UMBW_MESSAGE(submit_reply, struct umb_job_submitted);
 UMBW_MESSAGE(job_request, char); /* WatchRequest and CancelRequest: char[UMBW_JOB_MAX + 1] */
 UMBW_MESSAGE(job_status, struct umb_job_status); /* decoder: free() plan, notices with it */
 UMBW_MESSAGE(list_jobs_request, uint32_t);       /* the most jobs; 0 = 100 */

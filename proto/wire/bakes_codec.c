@@ -11,8 +11,7 @@
 UMBW_TABLE(BUNDLE_FILE, umbrage__v1__bundle_file, "files.", sizeof(struct umbw_bundle_file),
            {1, UMBW_AT(umbw_bundle_file, path), .flags = UMBW_FILLED},
            {2, UMBW_AT(umbw_bundle_file, size)},
-           {3, UMBW_AT(umbw_bundle_file, sha256), .flags = UMBW_REQUIRED},
-           {4, UMBW_AT(umbw_bundle_file, kept)});
+           {3, UMBW_AT(umbw_bundle_file, sha256), .flags = UMBW_REQUIRED});
 
 UMBW_TABLE(SETTING, umbrage__v1__bake_setting, "settings.", sizeof(struct umb_job_setting),
            {1, UMBW_AT(umb_job_setting, name), .flags = UMBW_FILLED},
@@ -24,9 +23,7 @@ UMBW_TABLE(MANIFEST, umbrage__v1__manifest, "", sizeof(struct umbw_manifest),
             .table = &BUNDLE_FILE, .most = UMBW_MANIFEST_MAX},
            {3, UMBW_AT(umbw_manifest, settings), UMBW_COUNT(umbw_manifest, setting_count),
             .table = &SETTING, .most = UMBW_MANIFEST_MAX},
-           {4, UMBW_AT(umbw_manifest, priority)},
-           {5, UMBW_AT(umbw_manifest, replaces), .flags = UMBW_FILLED},
-           {6, UMBW_AT(umbw_manifest, ask)});
+           {4, UMBW_AT(umbw_manifest, priority)});
 
 UMBW_TABLE(SUBMIT, umbrage__v1__submit_request, "", sizeof(struct umbw_submit_request),
            {1, UMBW_AT(umbw_submit_request, manifest),
@@ -51,11 +48,9 @@ enum umb_status umbw_decode_submit_request(const uint8_t *message, size_t size,
     return umb_fail(error, UMB_E_ARGUMENT, "data: must not be beside a manifest");
 }
 
-UMBW_TABLE(SUBMITTED, umbrage__v1__submit_reply, "", sizeof(struct umbw_submit_reply),
-           {1, UMBW_AT(umbw_submit_reply, submitted.job)},
-           {2, UMBW_AT(umbw_submit_reply, submitted.existing)},
-           {3, UMBW_AT(umbw_submit_reply, missing), UMBW_COUNT(umbw_submit_reply, missing_count)});
-UMBW_CODEC(submit_reply, struct umbw_submit_reply, SUBMITTED)
+UMBW_TABLE(SUBMITTED, umbrage__v1__submit_reply, "", sizeof(struct umb_job_submitted),
+           {1, UMBW_AT(umb_job_submitted, job)}, {2, UMBW_AT(umb_job_submitted, existing)});
+UMBW_CODEC(submit_reply, struct umb_job_submitted, SUBMITTED)
 
 UMBW_TABLE(JOB, umbrage__v1__watch_request, "", UMBW_JOB_MAX + 1, {1, .size = UMBW_JOB_MAX + 1});
 UMBW_CODEC(job_request, char, JOB)

@@ -29,21 +29,7 @@ static void jobs_replacing(void *user, const uint8_t *asset, int yes)
     umbs_store_replacing(daemon->backend.store, asset, daemon->backend.store_count, yes);
 }
 
-/* 1 if a name means an asset, or an operator's asset, which comes first. */
-static int jobs_name_is_served(struct umbd_daemon *daemon, const uint8_t *asset, const char *name)
-{
-    struct umbs_entry *entry = NULL;
-    struct umb_error error;
-    if (umbs_store_acquire(daemon->backend.store, name, &entry, &error) != UMB_OK) {
-        return 0;
-    }
-    const int served = memcmp(umbs_entry_item(entry)->id, asset, UMB_ID_BYTES) == 0 ||
-                       umbs_entry_folder(entry) < daemon->backend.store_count;
-    umbs_entry_release(entry);
-    return served;
-}
-
-static int jobs_is_served(void *user, const uint8_t *asset, const char *name)
+static int jobs_is_served(void *user, const uint8_t *asset)
 {
     struct umbd_daemon *daemon = user;
     struct umbs_entry *entry = NULL;
@@ -55,9 +41,6 @@ static int jobs_is_served(void *user, const uint8_t *asset, const char *name)
         status = UMB_E_NOT_FOUND; /* this is the version that is being replaced */
     }
     umbs_entry_release(entry);
-    if (status == UMB_OK && name != NULL) {
-        return jobs_name_is_served(daemon, asset, name);
-    }
     return status == UMB_OK ? 1 : status == UMB_E_NOT_FOUND ? 0 : -1;
 }
 

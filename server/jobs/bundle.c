@@ -171,10 +171,6 @@ static enum umb_status check_files(const struct umbj_manifest *manifest, uint64_
                             "files: together over the limit of %llu bytes (--max-bundle)",
                             (unsigned long long)max_bytes);
         }
-        if (file->kept && (manifest->replaces == NULL || manifest->replaces[0] == '\0')) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "files[%zu].kept: is set without the name of an asset (replaces)", i);
-        }
         *bytes += file->size;
         has_scene |= strcmp(file->path, manifest->scene) == 0;
     }
@@ -208,29 +204,10 @@ static enum umb_status check_setting(const struct umbj_setting *setting, struct 
     return UMB_OK;
 }
 
-enum umb_status umbj_name_check(const char *name, struct umb_error *error)
-{
-    static const char allowed[] =
-        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-";
-    uint8_t id[UMBJ_HASH_BYTES];
-    const size_t length = strlen(name);
-    if (length == 0 || length > UMBJ_NAME_MAX || name[0] == '.' ||
-        strspn(name, allowed) != length || umb_id_from_text(name, id) == UMB_OK) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "replaces: '%.80s' must be 1 to %d of [A-Za-z0-9._-], not begin with '.', "
-                        "and be no id",
-                        name, UMBJ_NAME_MAX);
-    }
-    return UMB_OK;
-}
-
 enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest, uint64_t max_bytes,
                                     uint64_t *bytes, struct umb_error *error)
 {
     UMB__TRY(check_files(manifest, max_bytes, bytes, error));
-    if (manifest->replaces != NULL && manifest->replaces[0] != '\0') {
-        UMB__TRY(umbj_name_check(manifest->replaces, error));
-    }
     if (manifest->setting_count > UMBJ_SETTINGS_MAX) {
         return umb_fail(error, UMB_E_ARGUMENT, "settings: %zu are given, the limit is %d",
                         manifest->setting_count, UMBJ_SETTINGS_MAX);

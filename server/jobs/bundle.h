@@ -24,7 +24,6 @@ struct umbj_bundle_file {
     const char *path; /* UTF-8 */
     uint64_t size;
     uint8_t sha256[UMBJ_HASH_BYTES];
-    int kept; /* 1: its bytes do not come; the bundle of the replaced asset has them */
 };
 
 struct umbj_setting {
@@ -39,7 +38,6 @@ struct umbj_manifest {
     const struct umbj_setting *settings; /* Settings in the order of a command line */
     size_t setting_count;
     int priority;
-    const char *replaces; /* name of the asset that the job replaces or makes; NULL or "": none */
 };
 
 /*
@@ -49,10 +47,6 @@ struct umbj_manifest {
 UMB_CHECKED enum umb_status umbj_manifest_check(const struct umbj_manifest *manifest,
                                                 uint64_t max_bytes, uint64_t *bytes,
                                                 struct umb_error *error);
-
-/* Checks the name of an asset: 1 to UMBJ_NAME_MAX of [A-Za-z0-9._-], not beginning with a point,
- * and no id. Fails: E_ARGUMENT. */
-UMB_CHECKED enum umb_status umbj_name_check(const char *name, struct umb_error *error);
 
 #define UMBJ_HEAD_BYTES 8
 
@@ -86,7 +80,7 @@ UMB_CHECKED enum umb_status umbj_manifest_prepare(const struct umbj_manifest *ma
                                                   struct umb_error *error);
 
 /* Checks two fields in a row of the job table: settings in the form of umbj_settings_text, and the
- * path of the scene. Fails: E_ARGUMENT. */
+ * name of the scene. Fails: E_ARGUMENT. */
 UMB_CHECKED enum umb_status umbj_settings_check(const char *text, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_scene_check(const char *scene, struct umb_error *error);
 

@@ -19,7 +19,6 @@
 #define UMBJ_ID_SIZE       33 /* 32 hexadecimal digits, random: an id reveals nothing */
 #define UMBJ_OWNER_SIZE    64 /* a token's name; "" = the owner without tokens */
 #define UMBJ_CAUSE_SIZE    512
-#define UMBJ_NAME_MAX      64   /* bytes of the name under which an asset is published */
 #define UMBJ_SCENE_SIZE    1024 /* path of the scene in its bundle */
 #define UMBJ_SETTINGS_SIZE 8192 /* lines of --name=value */
 #define UMBJ_PRIORITY_MAX  10 /* highest priority; the lowest is -10; it orders one owner's jobs */
@@ -52,7 +51,6 @@ enum umbj_failure {
 struct umbj_job {
     char id[UMBJ_ID_SIZE];
     char owner[UMBJ_OWNER_SIZE];
-    char name[UMBJ_NAME_MAX + 1]; /* name that its asset gets; "": none */
     uint8_t key[UMBJ_HASH_BYTES]; /* hash of bundle and settings */
     enum umbj_state state;
     enum umbj_failure failure; /* failure of the last try */

@@ -152,20 +152,18 @@ enum umb_status umbj_table_check_asset(struct umbj_table *table, const char *own
     return owned ? UMB_OK : check_assets(table, owner, bytes, error);
 }
 
-/* Reads the number of the owner's unfinished jobs, and the bytes of the bundles of these and of
- * names, for the owner and for all owners. */
+/* Reads the number and the bytes of the owner's unfinished jobs, and the bytes of all owners'
+ * jobs. */
 static enum umb_status count_unfinished(struct umbj_table *table, const char *owner,
                                         struct umbj_pending *used, struct umb_error *error)
 {
     UMB__TRY(umbj_sql_do(&table->sql, error,
-                         "SELECT count(*), coalesce(sum(bundle_bytes), 0) +"
-                         " (SELECT coalesce(sum(bytes), 0) FROM name WHERE owner = ?1)"
-                         " FROM job WHERE state IN (0, 1) AND owner = ?1",
+                         "SELECT count(*), sum(bundle_bytes) FROM job WHERE state IN (0, 1)"
+                         " AND owner = ?",
                          "t>ii", owner, &used->own_jobs, &used->own_bytes));
     return umbj_sql_do(&table->sql, error,
-                       "SELECT sum(bytes) FROM (SELECT max(bytes) AS bytes FROM (SELECT key,"
-                       " bundle_bytes AS bytes FROM job WHERE state IN (0, 1) UNION ALL SELECT key,"
-                       " bytes FROM name) GROUP BY key)",
+                       "SELECT sum(bytes) FROM (SELECT max(bundle_bytes) AS bytes FROM job"
+                       " WHERE state IN (0, 1) GROUP BY key)",
                        ">i", &used->all_bytes);
 }
 

@@ -50,18 +50,13 @@ static enum umb_status insert(struct umbj_table *table, const struct umbj_submis
     char id[UMBJ_ID_SIZE];
     UMB__TRY(
         umbj_table_check_quota(table, submission->owner, submission->bundle_bytes, NULL, error));
-    if (submission->name != NULL) {
-        UMB__TRY(umbj_table_check_names(table, submission->owner, submission->name, error));
-    }
     UMB__TRY(make_id(id, error));
     UMB__TRY(umbj_sql_do(&table->sql, error,
                          "INSERT INTO job(id, owner, key, state, priority, submitted_ms,"
-                         " bundle_bytes, scene, settings, name)"
-                         " VALUES(?, ?, ?, 0, ?, ?, ?, ?, ?, ?)",
-                         "tthiiittt", id, submission->owner, submission->key,
+                         " bundle_bytes, scene, settings) VALUES(?, ?, ?, 0, ?, ?, ?, ?, ?)",
+                         "tthiiitt", id, submission->owner, submission->key,
                          (int64_t)submission->priority, now, submission->bundle_bytes,
-                         submission->scene, submission->settings,
-                         submission->name != NULL ? submission->name : ""));
+                         submission->scene, submission->settings));
     return umbj_table_get(table, id, NULL, job, error);
 }
 
@@ -147,9 +142,6 @@ static enum umb_status finish(struct umbj_table *table, const struct umbj_job *j
     UMB__TRY(umbj_sql_do(sql, error, "INSERT OR IGNORE INTO asset(id) VALUES(?)", "h", asset));
     UMB__TRY(umbj_sql_do(sql, error, "INSERT OR IGNORE INTO owned(asset, owner) VALUES(?, ?)", "ht",
                          asset, job->owner));
-    if (job->name[0] != '\0') {
-        UMB__TRY(umbj_table_set_name(table, job, asset, error));
-    }
     return umbj_sql_do(sql, error,
                        "INSERT OR REPLACE INTO bake(key, asset, bake_ms) VALUES(?, ?, ?)", "hhi",
                        job->key, asset, bake_ms);

@@ -22,7 +22,7 @@
 #include "jobs/bundle.h"
 
 #define NUMBER_MAX     ((int64_t)1 << 53) /* limit of times, epochs, bytes: exact as a double */
-#define SCHEMA_VERSION 3
+#define SCHEMA_VERSION 2
 
 /* Row being read, and the name of its first damaged column. */
 struct reading {
@@ -65,7 +65,6 @@ static int is_id(const char *id)
 
 static void take_names(struct reading *reading, struct umbj_job *job)
 {
-    struct umb_error ignored;
     if (!take_text(reading, 0, job->id, sizeof job->id) || !is_id(job->id)) {
         job->id[0] = '\0';
         blame(reading, 0, "id");
@@ -77,11 +76,6 @@ static void take_names(struct reading *reading, struct umbj_job *job)
         blame(reading, 0, "owner");
     }
     blame(reading, umbj_sql_hash(reading->row, 2, job->key), "key");
-    if (!take_text(reading, 18, job->name, sizeof job->name) ||
-        (job->name[0] != '\0' && umbj_name_check(job->name, &ignored) != UMB_OK)) {
-        job->name[0] = '\0';
-        blame(reading, 0, "name");
-    }
 }
 
 static void take_numbers(struct reading *reading, struct umbj_job *job)
@@ -149,8 +143,7 @@ static enum umb_status retire(struct umbj_table *table, const struct umbj_job *j
         &table->sql, error,
         "UPDATE job SET key = ?, state = 3, failure = ?, priority = ?, epoch = ?, tries = ?,"
         " hard_tries = ?, submitted_ms = ?, started_ms = ?, ended_ms = ?, not_before_ms = 0,"
-        " lease_until_ms = 0, bundle_bytes = ?, asset = NULL, cause = ?, scene = '', settings = '',"
-        " name = ''"
+        " lease_until_ms = 0, bundle_bytes = ?, asset = NULL, cause = ?, scene = '', settings = ''"
         " WHERE seq = ?",
         "hiiiiiiiiiti", job->key, (int64_t)UMBJ_INTERNAL, (int64_t)job->priority, job->epoch,
         job->tries, job->hard_tries, job->submitted_ms, job->started_ms, ended, job->bundle_bytes,
@@ -273,11 +266,6 @@ enum umb_status umbj__mend(struct umbj_table *table, int64_t now, struct umb_err
         "UPDATE asset SET bytes = 0 WHERE typeof(bytes) <> 'integer' OR bytes < 0"
         " OR bytes > 1125899906842624",
         "DELETE FROM owned WHERE asset NOT IN (SELECT id FROM asset)",
-        "DELETE FROM name WHERE typeof(owner) <> 'text' OR length(CAST(owner AS BLOB)) > 63"
-        " OR typeof(name) <> 'text' OR length(name) NOT BETWEEN 1 AND 64 OR name GLOB"
-        " '*[^A-Za-z0-9._-]*' OR name GLOB '.*' OR typeof(key) <> 'blob' OR length(key) <> 32 OR"
-        " typeof(asset) <> 'blob' OR length(asset) <> 32 OR typeof(bytes) <> 'integer' OR bytes < 0"
-        " OR bytes > 1125899906842624",
         "DELETE FROM turn WHERE typeof(owner) <> 'text' OR typeof(number) <> 'integer'"
         " OR number < 0 OR number > 9007199254740992",
     };
@@ -315,19 +303,16 @@ static const char *const sizes[] = {
     "ALTER TABLE asset ADD COLUMN owners INTEGER NOT NULL DEFAULT 0",
 };
 
-/* Creates the tables, or upgrades those of older versions, in a transaction. */
+/* Creates the tables, or upgrades those of version 1, in a transaction. */
 static enum umb_status make_schema(struct umbj_table *table, int64_t from, struct umb_error *error)
 {
     struct umbj_sql *sql = &table->sql;
     if (from == 0) {
         UMB__TRY(umbj_sql_do_all(sql, error, schema, sizeof schema / sizeof schema[0]));
     }
-    if (from < 2) {
-        UMB__TRY(umbj_sql_do_all(sql, error, sizes, sizeof sizes / sizeof sizes[0]));
-        UMB__TRY(umbj__make_counts(table, error));
-    }
-    UMB__TRY(umbj__make_names(table, error));
-    return umbj_sql_do(sql, error, "PRAGMA user_version = 3", "");
+    UMB__TRY(umbj_sql_do_all(sql, error, sizes, sizeof sizes / sizeof sizes[0]));
+    UMB__TRY(umbj__make_counts(table, error));
+    return umbj_sql_do(sql, error, "PRAGMA user_version = 2", "");
 }
 
 static enum umb_status prepare_schema(struct umbj_table *table, struct umb_error *error)
@@ -497,9 +482,8 @@ enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t 
 {
     *count = 0;
     return umbj_sql_do(&table->sql, error,
-                       "SELECT (SELECT count(*) FROM job WHERE key = ?1 AND state IN (0, 1)) +"
-                       " (SELECT count(*) FROM name WHERE key = ?1)",
-                       "h>i", key, count);
+                       "SELECT count(*) FROM job WHERE key = ? AND state IN (0, 1)", "h>i", key,
+                       count);
 }
 
 enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before, struct umb_error *error)

@@ -65,7 +65,6 @@ struct umbj_submission {
     const uint8_t *key; /* [UMBJ_HASH_BYTES] */
     int priority;
     const char *scene, *settings; /* UMBJ_SCENE_SIZE, UMBJ_SETTINGS_SIZE at most */
-    const char *name;             /* name of the asset to replace or make; NULL: none */
     int64_t bundle_bytes;
 };
 
@@ -144,9 +143,8 @@ UMB_CHECKED enum umb_status umbj_table_renew(struct umbj_table *table, const cha
                                              int64_t epoch, int64_t steady,
                                              struct umb_error *error);
 
-/* Records that the asset is in the store: the job is done, its owner owns the asset, the job's name
- * means the asset, and the key is remembered for later bakes. bake_ms: duration of the bake in
- * milliseconds. */
+/* Records that the asset is in the store: the job is done, its owner owns the asset, and the key is
+ * remembered for later bakes. bake_ms: duration of the bake in milliseconds. */
 UMB_CHECKED enum umb_status umbj_table_finish(struct umbj_table *table, const struct umbj_job *job,
                                               const uint8_t *asset, int64_t bake_ms, int64_t now,
                                               struct umb_error *error);
@@ -197,50 +195,13 @@ UMB_CHECKED enum umb_status umbj_table_count(struct umbj_table *table,
 UMB_CHECKED enum umb_status umbj_table_next_start(struct umbj_table *table, int64_t now,
                                                   int64_t *when, struct umb_error *error);
 
-/* Number of unfinished jobs and of names that need the bundle of a key. */
+/* Number of unfinished jobs that need the bundle of a key. */
 UMB_CHECKED enum umb_status umbj_table_bundle_users(struct umbj_table *table, const uint8_t *key,
                                                     int64_t *count, struct umb_error *error);
 
 /* Removes jobs that ended before a time. */
 UMB_CHECKED enum umb_status umbj_table_prune(struct umbj_table *table, int64_t before,
                                              struct umb_error *error);
-
-/* --- names of assets (job_names.c) --- */
-
-#define UMBJ_NAMES_MAX 1000 /* limit of the names of one owner */
-
-/* Gives a job's name to an asset, with the job's bundle. In: job: its owner, name, key
- * and bundle_bytes. */
-UMB_CHECKED enum umb_status umbj_table_set_name(struct umbj_table *table,
-                                                const struct umbj_job *job, const uint8_t *asset,
-                                                struct umb_error *error);
-
-/* Sets the name that an unfinished job's asset gets. */
-UMB_CHECKED enum umb_status umbj_table_rename(struct umbj_table *table, struct umbj_job *job,
-                                              const char *name, struct umb_error *error);
-
-/* Finds the bundle of an owner's name. Fails: E_NOT_FOUND. */
-UMB_CHECKED enum umb_status umbj_table_find_name(struct umbj_table *table, const char *owner,
-                                                 const char *name, uint8_t key[UMBJ_HASH_BYTES],
-                                                 struct umb_error *error);
-
-/* Checks whether an owner may have one more name, `name`. Fails: E_BUSY. */
-UMB_CHECKED enum umb_status umbj_table_check_names(struct umbj_table *table, const char *owner,
-                                                   const char *name, struct umb_error *error);
-
-/* Calls found(user, job) for every name; the job has owner, name, key and asset. */
-typedef void (*umbj_name_fn)(void *user, const struct umbj_job *job);
-UMB_CHECKED enum umb_status umbj_table_each_name(struct umbj_table *table, umbj_name_fn found,
-                                                 void *user, struct umb_error *error);
-
-/* Finds a name whose owner does not have its asset any more. Fails: E_NOT_FOUND. */
-UMB_CHECKED enum umb_status umbj_table_stale_name(struct umbj_table *table, struct umbj_job *name,
-                                                  struct umb_error *error);
-
-/* Removes a name. */
-UMB_CHECKED enum umb_status umbj_table_drop_name(struct umbj_table *table,
-                                                 const struct umbj_job *name,
-                                                 struct umb_error *error);
 
 /* --- assets that jobs made (job_assets.c) --- */
 

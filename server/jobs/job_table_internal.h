@@ -2,9 +2,8 @@
 #ifndef UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_JOB_TABLE_INTERNAL_H
 /*
- * Shared by the files of the job table. Each file uses only those before it: job_names.c keeps
- * names of assets, job_assets.c keeps owners, counts and quotas, job_table.c validates rows and
- * finds jobs, job_moves.c changes them.
+ * Shared by the files of the job table. Each file uses only those before it: job_assets.c keeps
+ * owners, counts and quotas, job_table.c validates rows and finds jobs, job_moves.c changes them.
  */
 #include "jobs/job_sql.h"
 #include "jobs/job_table.h"
@@ -19,7 +18,7 @@ struct umbj_table {
 /* Beginning of a statement that reads whole rows. */
 #define UMBJ__SELECT_JOBS                                                                          \
     "SELECT id, owner, key, state, failure, priority, epoch, tries, hard_tries, submitted_ms,"     \
-    " started_ms, ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq, name"  \
+    " started_ms, ended_ms, not_before_ms, lease_until_ms, bundle_bytes, asset, cause, seq"        \
     " FROM job "
 
 /* Largest bake_ms: 31 days, the longest --job-time. _TEXT is the same number for statements. */
@@ -30,11 +29,6 @@ struct umbj_table {
 
 /* SQL condition for a queued job whose pause is over. ?1: now; ?2: now and the longest pause. */
 #define UMBJ__MAY_START "(not_before_ms <= ?1 OR not_before_ms > ?2)"
-
-/* --- job_names.c --- */
-
-/* Adds the column and the table of names. */
-UMB_CHECKED enum umb_status umbj__make_names(struct umbj_table *table, struct umb_error *error);
 
 /* --- job_table.c --- */
 

@@ -482,11 +482,6 @@ struct umbj_counters *umbj_service_counters(struct umbj_service *service)
     return &service->counters;
 }
 
-const atomic_int *umbj_service_stop_of(const struct umbj_service *service)
-{
-    return umbj_file_threads_stop(service->file_threads);
-}
-
 const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service)
 {
     return &service->options;

@@ -14,10 +14,9 @@
  * asset is announced in the table and the file gets its name. Last, one transaction, fenced by the
  * epoch, records job, asset and owner. A crash between two steps leaves at most an announced file
  * without an owner, which the next start removes. The job is then tried again and gives the same
- * bytes. A job with a name then gives this name to its asset by one rename of a link
- * (service_names.c). Watchers see a job as done when the daemon serves the asset, and only then may
- * its owner see the asset. Each step takes as long whether or not other owners have the asset: the
- * file is copied, synced, read again, renamed and loaded anew.
+ * bytes. Watchers see a job as done when the daemon serves the asset, and only then may its owner
+ * see the asset. Each step takes as long whether or not other owners have the asset: the file is
+ * copied, synced, read again, renamed and loaded anew.
  *
  * Assets of jobs are in a separate folder inside the jobs folder. A file that an operator put into
  * a store never becomes a job's asset, whatever its name: it is neither taken over nor removed.
@@ -61,10 +60,9 @@ struct umbj_service_options {
      * (yes = 0). The store then loads the file anew. Otherwise the time would tell an owner whether
      * others have the asset. NULL: no callback. */
     void (*replacing)(void *user, const uint8_t *asset, int yes);
-    /* Callback that returns 1 if the asset is served, 0 if not yet, -1 if it never will be. name:
-     * its name in the store, which must mean it too unless an operator's asset has that name; NULL:
-     * none. NULL: always 1. */
-    int (*is_served)(void *user, const uint8_t *asset, const char *name);
+    /* Callback that returns 1 if the asset is served, 0 if not yet, -1 if it never will be. NULL:
+     * always 1. */
+    int (*is_served)(void *user, const uint8_t *asset);
     void *user;
     /* Replacements for tests; NULL: the system's clocks, an executor by the options above. */
     const struct umbj_clocks *clocks;
@@ -107,17 +105,13 @@ struct umbj_snapshot *umbj_service_snapshot(struct umbj_service *service);
 struct umbj_counters *umbj_service_counters(struct umbj_service *service);
 const struct umbj_service_options *umbj_service_options_of(const struct umbj_service *service);
 
-/* Flag that is set when the service ends: long work on files must then end soon. */
-const atomic_int *umbj_service_stop_of(const struct umbj_service *service);
-
 /* --- on the service's thread, in umbj_request.run --- */
 
 /*
  * Begins a submission: finds an equal job, or creates an upload to be filled.
  *
  * In:    prepared: of the manifest (umbj_manifest_prepare), made on a thread for files.
- * Out:   job: the existing job, which gets the manifest's name; or an empty id, and then *upload is
- *        set. The upload's bytes count
+ * Out:   job: the existing job; or an empty id, and then *upload is set. The upload's bytes count
  *        for the quotas, and a bundle of its key is kept, until umbj_service_drop_upload or the
  *        job's creation.
  * Fails: as umbj_table_check_quota, umbj_upload_begin.
@@ -127,19 +121,6 @@ UMB_CHECKED enum umb_status umbj_service_submit(struct umbj_service *service, co
                                                 const struct umbj_prepared *prepared,
                                                 struct umbj_job *job, struct umbj_upload **upload,
                                                 struct umb_error *error);
-
-/*
- * Finds what a submission would find: an equal job, or the bundle that its asset's name has.
- *
- * Out:   job: the existing job, which gets the manifest's name; or an empty id. base: key of the
- *        bundle; has_base: 0 if there is none.
- * Fails: as umbj_table_submit.
- */
-UMB_CHECKED enum umb_status umbj_service_ask(struct umbj_service *service, const char *owner,
-                                             const struct umbj_manifest *manifest,
-                                             const struct umbj_prepared *prepared,
-                                             struct umbj_job *job, uint8_t base[UMBJ_HASH_BYTES],
-                                             int *has_base, struct umb_error *error);
 
 /* Frees an upload of umbj_service_submit in any state; NULL is allowed. Before, a thread for files
  * must have removed its files (umbj_upload_discard). */

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
 #define UMBRAGE_SERVER_JOBS_SERVICE_INTERNAL_H
-/* Shared by the files of the job service: service_names.c makes the links of names,
- * service_tries.c applies the results of tries to jobs, service_requests.c handles owners'
- * requests, service.c is the thread that calls them. */
+/* Shared by the files of the job service: service_tries.c applies the results of tries to jobs,
+ * service_requests.c handles owners' requests, service.c is the thread that calls both. */
 #include <pthread.h>
 #include "jobs/executor.h"
 #include "jobs/job_place.h"
@@ -22,7 +21,6 @@ struct umbj_promise {
     struct umbj_upload *upload;
     char owner[UMBJ_OWNER_SIZE];
     uint8_t key[UMBJ_HASH_BYTES];
-    uint8_t base[UMBJ_HASH_BYTES]; /* key of the bundle with the kept files; zero: none */
     int64_t bytes;
 };
 
@@ -84,24 +82,7 @@ UMB_CHECKED enum umb_status umbj__fail_try(struct umbj_service *service, struct 
 /* Notifies the watchers of assets that the daemon now serves. */
 void umbj__look_at_loading(struct umbj_service *service);
 
-/* Waits until the daemon serves a finished job's asset, and only then shows the job as done. */
-void umbj__wait_until_served(struct umbj_service *service, const struct umbj_job *job);
-
-/* Makes or removes the link of a name. In: job: owner and name; to make it, also the asset. Fails:
- * E_IO. */
-UMB_CHECKED enum umb_status umbj__link_name(const struct umbj_service *service,
-                                            const struct umbj_job *job, struct umb_error *error);
-void umbj__unlink_name(const struct umbj_service *service, const struct umbj_job *job);
-
-/* Publishes the name of a finished job, which the table has already. In: key_before: key of the
- * bundle that the name had; zero: none. */
-void umbj__named(struct umbj_service *service, struct umbj_job *job, const uint8_t *key_before);
-
-/* Makes the name by which the store serves a job's named asset. */
-#define UMBJ_STORE_NAME_SIZE (UMBJ_OWNER_SIZE + UMBJ_NAME_MAX + 1)
-void umbj__store_name(const struct umbj_job *job, char name[UMBJ_STORE_NAME_SIZE]);
-
-/* Removes files of assets without owners, and names without assets. */
+/* Removes files of assets without owners. */
 void umbj__collect_assets(struct umbj_service *service);
 
 /* Removes a key's bundle if no unfinished job needs it. */

@@ -39,26 +39,6 @@ static struct umbj_pending pending_of(const struct umbj_service *service, const 
     return pending;
 }
 
-static int has_name(const struct umbj_manifest *manifest)
-{
-    return manifest->replaces != NULL && manifest->replaces[0] != '\0';
-}
-
-/* Finds the bundle that the manifest's name has. Out: found: 0 if there is none. */
-static enum umb_status find_base(struct umbj_service *service, const char *owner,
-                                 const struct umbj_manifest *manifest,
-                                 uint8_t base[UMBJ_HASH_BYTES], int *found, struct umb_error *error)
-{
-    *found = 0;
-    if (!has_name(manifest)) {
-        return UMB_OK;
-    }
-    const enum umb_status status =
-        umbj_table_find_name(service->table, owner, manifest->replaces, base, error);
-    *found = status == UMB_OK;
-    return status == UMB_E_NOT_FOUND ? UMB_OK : status;
-}
-
 /* Begins an upload; from now on its bytes count for the quotas. */
 static enum umb_status begin_upload(struct umbj_service *service, const char *owner,
                                     const struct umbj_manifest *manifest,
@@ -67,17 +47,11 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
 {
     const int64_t bytes = (int64_t)prepared->bytes;
     const struct umbj_pending pending = pending_of(service, owner);
-    uint8_t base[UMBJ_HASH_BYTES];
-    int has_base;
     enum umb_status status = umbj_table_check_quota(service->table, owner, bytes, &pending, error);
     if (status != UMB_OK) {
         umbj__note_refusals(service);
         return status;
     }
-    if (has_name(manifest)) {
-        UMB__TRY(umbj_table_check_names(service->table, owner, manifest->replaces, error));
-    }
-    UMB__TRY(find_base(service, owner, manifest, base, &has_base, error));
     struct umbj_promise *promise = calloc(1, sizeof *promise);
     if (promise == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for an upload");
@@ -90,10 +64,6 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
     }
     memcpy(promise->owner, owner, strlen(owner) + 1); /* checked where owners are read */
     memcpy(promise->key, prepared->key, sizeof promise->key);
-    if (has_base) {
-        memcpy(promise->base, base, sizeof promise->base);
-        umbj_upload_reuse(*upload, base);
-    }
     promise->upload = *upload;
     umbj_upload_hold(*upload); /* if the service ends, a skipped call releases only its own hold */
     promise->bytes = bytes;
@@ -104,7 +74,7 @@ static enum umb_status begin_upload(struct umbj_service *service, const char *ow
 
 static void drop_promise(struct umbj_service *service, const struct umbj_upload *upload)
 {
-    uint8_t key[UMBJ_HASH_BYTES], base[UMBJ_HASH_BYTES];
+    uint8_t key[UMBJ_HASH_BYTES];
     struct umbj_promise **at = &service->promises;
     while (*at != NULL && (*at)->upload != upload) {
         at = &(*at)->next;
@@ -113,11 +83,9 @@ static void drop_promise(struct umbj_service *service, const struct umbj_upload 
     if (promise != NULL) {
         *at = promise->next;
         memcpy(key, promise->key, sizeof key);
-        memcpy(base, promise->base, sizeof base);
         umbj_upload_let_go(promise->upload);
         free(promise);
         umbj__drop_bundle(service, key); /* bundle that the upload kept, and perhaps made */
-        umbj__drop_bundle(service, base);
     }
 }
 
@@ -136,40 +104,13 @@ static enum umb_status check_ours(const struct umbj_service *service, struct umb
                           service->options.folder);
 }
 
-/* 1 if the bundle of a job is still there. */
-static int has_bundle(const struct umbj_service *service, const struct umbj_job *job)
+enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
+                                    const struct umbj_manifest *manifest,
+                                    const struct umbj_prepared *prepared, struct umbj_job *job,
+                                    struct umbj_upload **upload, struct umb_error *error)
 {
-    char id[UMB_ID_TEXT_SIZE], path[sizeof "bundles/" + UMB_ID_TEXT_SIZE];
-    umb_id_to_text(job->key, id);
-    (void)snprintf(path, sizeof path, "bundles/%s", id);
-    return faccessat(service->folder, path, F_OK, 0) == 0;
-}
-
-/* Gives a name to the asset of a job that was submitted before, now or when it is done. */
-static enum umb_status name_existing(struct umbj_service *service, struct umbj_job *job,
-                                     const char *name, struct umb_error *error)
-{
-    uint8_t before[UMBJ_HASH_BYTES];
-    UMB__TRY(umbj_table_check_names(service->table, job->owner, name, error));
-    if (!umbj_is_over(job->state)) {
-        return umbj_table_rename(service->table, job, name, error);
-    }
-    if (umbj_table_find_name(service->table, job->owner, name, before, error) != UMB_OK) {
-        memset(before, 0, sizeof before); /* a new name */
-    }
-    (void)snprintf(job->name, sizeof job->name, "%s", name);
-    job->bundle_bytes = has_bundle(service, job) ? job->bundle_bytes : 0;
-    UMB__TRY(umbj_table_set_name(service->table, job, job->asset, error));
-    umbj__named(service, job, before);
-    return UMB_OK;
-}
-
-/* Finds the job that an equal submission made, and gives it the manifest's name. Out: job: its id
- * is empty if there is none. */
-static enum umb_status find_existing(struct umbj_service *service, const char *owner,
-                                     const struct umbj_manifest *manifest, const uint8_t *key,
-                                     struct umbj_job *job, struct umb_error *error)
-{
+    const uint8_t *key = prepared->key;
+    *upload = NULL;
     memset(job, 0, sizeof *job);
     UMB__TRY(check_ours(service, error));
     enum umb_status status = umbj_table_find_same(service->table, owner, key, job, error);
@@ -177,35 +118,14 @@ static enum umb_status find_existing(struct umbj_service *service, const char *o
         disown_missing(service, job);
         status = umbj_table_find_same(service->table, owner, key, job, error);
     }
+    if (status == UMB_OK) {
+        return umbj_service_show(service, job->id, owner, error);
+    }
     if (status == UMB_E_NOT_FOUND) {
         memset(job, 0, sizeof *job);
-        return UMB_OK;
+        status = begin_upload(service, owner, manifest, prepared, upload, error);
     }
-    UMB__TRY(status);
-    UMB__TRY(umbj_service_show(service, job->id, owner, error));
-    return has_name(manifest) ? name_existing(service, job, manifest->replaces, error) : UMB_OK;
-}
-
-enum umb_status umbj_service_submit(struct umbj_service *service, const char *owner,
-                                    const struct umbj_manifest *manifest,
-                                    const struct umbj_prepared *prepared, struct umbj_job *job,
-                                    struct umbj_upload **upload, struct umb_error *error)
-{
-    *upload = NULL;
-    UMB__TRY(find_existing(service, owner, manifest, prepared->key, job, error));
-    return job->id[0] != '\0' ? UMB_OK
-                              : begin_upload(service, owner, manifest, prepared, upload, error);
-}
-
-enum umb_status umbj_service_ask(struct umbj_service *service, const char *owner,
-                                 const struct umbj_manifest *manifest,
-                                 const struct umbj_prepared *prepared, struct umbj_job *job,
-                                 uint8_t base[UMBJ_HASH_BYTES], int *has_base,
-                                 struct umb_error *error)
-{
-    *has_base = 0;
-    UMB__TRY(find_existing(service, owner, manifest, prepared->key, job, error));
-    return job->id[0] != '\0' ? UMB_OK : find_base(service, owner, manifest, base, has_base, error);
+    return status;
 }
 
 enum umb_status umbj_service_accept(struct umbj_service *service, const char *owner,
@@ -221,7 +141,6 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
         .priority = manifest->priority,
         .scene = manifest->scene,
         .settings = prepared->settings,
-        .name = has_name(manifest) ? manifest->replaces : NULL,
         .bundle_bytes = (int64_t)prepared->bytes,
     };
     enum umb_status status = check_ours(service, error);
@@ -233,8 +152,6 @@ enum umb_status umbj_service_accept(struct umbj_service *service, const char *ow
     if (status == UMB_OK && is_new) {
         atomic_fetch_add(&service->counters.submitted, 1);
         umbj__changed(service, job, 0);
-    } else if (status == UMB_OK && submission.name != NULL) {
-        status = name_existing(service, job, submission.name, error);
     }
     return status;
 }

@@ -136,8 +136,7 @@ static void remove_later(struct umbj_service *service, const char *gone)
 static int is_promised(const struct umbj_service *service, const uint8_t *key)
 {
     const struct umbj_promise *at = service->promises;
-    while (at != NULL && memcmp(at->key, key, sizeof at->key) != 0 &&
-           memcmp(at->base, key, sizeof at->base) != 0) {
+    while (at != NULL && memcmp(at->key, key, sizeof at->key) != 0) {
         at = at->next;
     }
     return at != NULL;
@@ -160,21 +159,6 @@ void umbj__drop_bundle(struct umbj_service *service, const uint8_t *key)
     }
 }
 
-/* Removes names whose owners do not have their assets any more. */
-static void drop_stale_names(struct umbj_service *service)
-{
-    struct umbj_job name;
-    struct umb_error error;
-    while (umbj_table_stale_name(service->table, &name, &error) == UMB_OK) {
-        umbj__unlink_name(service, &name); /* before the row: no link stays without one */
-        if (umbj_table_drop_name(service->table, &name, &error) != UMB_OK) {
-            umbj__log_error(service, "asset_name", &error);
-            return;
-        }
-        umbj__drop_bundle(service, name.key);
-    }
-}
-
 void umbj__collect_assets(struct umbj_service *service)
 {
     uint8_t asset[UMBJ_HASH_BYTES];
@@ -184,7 +168,6 @@ void umbj__collect_assets(struct umbj_service *service)
     if (service->lost) {
         return; /* the folder's files are another daemon's */
     }
-    drop_stale_names(service);
     while (umbj_table_unowned(service->table, asset, &error) == UMB_OK) {
         umbj_asset_path(service->assets_path, asset, path, sizeof path);
         if (unlink(path) != 0 && errno != ENOENT) {
@@ -308,7 +291,7 @@ static void tell_served(struct umbj_service *service, const struct umbj_job *job
     umbj__changed(service, job, 0);
 }
 
-void umbj__wait_until_served(struct umbj_service *service, const struct umbj_job *job)
+static void wait_until_served(struct umbj_service *service, const struct umbj_job *job)
 {
     if (!umb__grow(NULL, &service->loading, &service->loading_capacity, service->loading_count + 1,
                    sizeof *service->loading)) {
@@ -320,33 +303,13 @@ void umbj__wait_until_served(struct umbj_service *service, const struct umbj_job
     umbj_snapshot_set(service->snapshot, job, 1);
 }
 
-void umbj__named(struct umbj_service *service, struct umbj_job *job, const uint8_t *key_before)
-{
-    struct umb_error error;
-    if (umbj__link_name(service, job, &error) != UMB_OK) {
-        umbj__log_error(service, "asset_name", &error);
-        job->name[0] = '\0'; /* the next start makes the link */
-    }
-    if (memcmp(key_before, job->key, sizeof job->key) != 0) {
-        umbj__drop_bundle(service, key_before);
-    }
-    umbj__wait_until_served(service, job);
-    if (service->options.store_changed != NULL) {
-        service->options.store_changed(service->options.user);
-    }
-}
-
 void umbj__look_at_loading(struct umbj_service *service)
 {
     const struct umbj_service_options *options = &service->options;
     for (size_t i = 0; i < service->loading_count;) {
         struct umbj_loading *loading = &service->loading[i];
-        char name[UMBJ_STORE_NAME_SIZE];
-        umbj__store_name(&loading->job, name);
-        int served = options->is_served != NULL
-                         ? options->is_served(options->user, loading->job.asset,
-                                              loading->job.name[0] != '\0' ? name : NULL)
-                         : 1;
+        int served =
+            options->is_served != NULL ? options->is_served(options->user, loading->job.asset) : 1;
         if (served == 0 && umbj__steady_ms(service) - loading->since_ms > SERVE_MOST_MS) {
             served = -1;
         }
@@ -395,22 +358,15 @@ static enum umb_status give_name(struct umbj_service *service, struct umbj_repor
     return status;
 }
 
-/* The steps of publishing, in the order that service.h explains. Out: base: key of the bundle that
- * the job's name had; zero: none. */
+/* The steps of publishing, in the order that service.h explains. */
 static enum umb_status publish(struct umbj_service *service, struct umbj_job *job,
-                               struct umbj_report *report, uint8_t base[UMBJ_HASH_BYTES],
-                               struct umb_error *error)
+                               struct umbj_report *report, struct umb_error *error)
 {
     int64_t bytes = 0;
-    memset(base, 0, UMBJ_HASH_BYTES);
     UMB__TRY(size_of(service, report, &bytes, error));
     UMB__TRY(umbj_table_check_asset(service->table, job->owner, report->asset, bytes, error));
     UMB__TRY(umbj_table_announce(service->table, report->asset, bytes, error));
     UMB__TRY(give_name(service, report, error));
-    if (job->name[0] != '\0' &&
-        umbj_table_find_name(service->table, job->owner, job->name, base, error) != UMB_OK) {
-        memset(base, 0, UMBJ_HASH_BYTES); /* a new name */
-    }
     UMB__TRY(umbj_table_finish(service->table, job, report->asset, report->bake_ms,
                                umbj__unix_ms(service), error));
     return umbj_table_get(service->table, job->id, NULL, job, error);
@@ -419,20 +375,15 @@ static enum umb_status publish(struct umbj_service *service, struct umbj_job *jo
 static void take_end(struct umbj_service *service, struct umbj_job *job, struct umbj_report *report)
 {
     struct umb_error error = {0};
-    uint8_t base[UMBJ_HASH_BYTES];
     enum umb_status status;
     if (report->failure == UMBJ_NO_FAILURE) {
-        status = publish(service, job, report, base, &error);
+        status = publish(service, job, report, &error);
         if (status == UMB_OK) {
             atomic_fetch_add(&service->counters.finished, 1);
             atomic_fetch_add(&service->counters.bake_ms, (uint64_t)report->bake_ms);
-            if (job->name[0] != '\0') {
-                umbj__named(service, job, base);
-            } else {
-                umbj__wait_until_served(service, job);
-                if (service->options.store_changed != NULL) {
-                    service->options.store_changed(service->options.user);
-                }
+            wait_until_served(service, job);
+            if (service->options.store_changed != NULL) {
+                service->options.store_changed(service->options.user);
             }
             umbj__drop_bundle(service, job->key);
         } else if (status != UMB_E_STATE) {
@@ -547,14 +498,6 @@ static void fill_sizes(struct umbj_service *service)
     }
 }
 
-static void link_again(void *user, const struct umbj_job *job)
-{
-    struct umb_error error;
-    if (umbj__link_name(user, job, &error) != UMB_OK) {
-        umbj__log_error(user, "asset_name", &error);
-    }
-}
-
 enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *error)
 {
     int64_t lost = 0;
@@ -568,7 +511,6 @@ enum umb_status umbj__recover(struct umbj_service *service, struct umb_error *er
                            sweep_staged, NULL);
     fill_sizes(service);
     umbj__collect_assets(service);
-    UMB__TRY(umbj_table_each_name(service->table, link_again, service, error));
     umbj__recount(service);
     atomic_fetch_add(&service->counters.failures[UMBJ_LOST], (uint64_t)lost);
     umbs_log_event(service->options.log, UMB_LOG_INFO, "jobs_open",

@@ -28,7 +28,6 @@ struct umbj_upload {
     int jobs, incoming, folder; /* descriptors */
     char name[NAME_SIZE];       /* in incoming */
     char key[UMB_ID_TEXT_SIZE];
-    char base[UMB_ID_TEXT_SIZE];    /* key of the bundle with the kept files; "": none */
     struct umbj_bundle_file *files; /* with own copies of the paths */
     size_t file_count, current;
     int fd; /* descriptor of the current file, -1 = not open */
@@ -120,68 +119,6 @@ enum umb_status umbj_upload_begin(const char *folder, const struct umbj_manifest
     return UMB_OK;
 }
 
-void umbj_upload_reuse(struct umbj_upload *upload, const uint8_t key[UMBJ_HASH_BYTES])
-{
-    umb_id_to_text(key, upload->base);
-}
-
-/* Hashes the rest of a file. Returns 1; 0 if it cannot be read or `stop` was set. */
-static int hash_rest(int fd, const atomic_int *stop, uint8_t hash[UMBJ_HASH_BYTES])
-{
-    struct umbs_sha256_run run;
-    static const size_t most = (size_t)256 << 10;
-    uint8_t *bytes = malloc(most);
-    ssize_t got = bytes != NULL ? 1 : -1;
-    umbs_sha256_begin(&run);
-    while (got > 0) {
-        got = stop != NULL && atomic_load(stop) ? -1 : umbs_read_full(fd, bytes, most);
-        if (got > 0) {
-            umbs_sha256_add(&run, bytes, (size_t)got);
-        }
-    }
-    umbs_sha256_end(&run, hash);
-    free(bytes);
-    return got == 0;
-}
-
-/* Path of a bundle's file in the jobs folder. */
-#define KEPT_PATH_SIZE (sizeof "bundles/" + UMB_ID_TEXT_SIZE + UMBJ_PATH_MAX)
-static void kept_path(const char *base, const char *path, char out[KEPT_PATH_SIZE])
-{
-    snprintf(out, KEPT_PATH_SIZE, "bundles/%s/%s", base, path);
-}
-
-/* 1 if a bundle has the file. In: jobs: descriptor of the jobs folder. */
-static int is_kept(int jobs, const char *base, const struct umbj_bundle_file *file,
-                   const atomic_int *stop)
-{
-    char path[KEPT_PATH_SIZE];
-    uint8_t hash[UMBJ_HASH_BYTES];
-    struct stat info;
-    kept_path(base, file->path, path);
-    const int fd = openat(jobs, path, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-    const int same = fd >= 0 && fstat(fd, &info) == 0 && S_ISREG(info.st_mode) &&
-                     (uint64_t)info.st_size == file->size && hash_rest(fd, stop, hash) &&
-                     memcmp(hash, file->sha256, sizeof hash) == 0;
-    if (fd >= 0) {
-        (void)close(fd);
-    }
-    return same;
-}
-
-void umbj_bundle_missing(const char *folder, const uint8_t key[UMBJ_HASH_BYTES],
-                         const struct umbj_manifest *manifest, const atomic_int *stop,
-                         uint8_t *missing)
-{
-    char base[UMB_ID_TEXT_SIZE];
-    int jobs = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    umb_id_to_text(key, base);
-    for (size_t i = 0; i < manifest->file_count; i++) {
-        missing[i] = jobs < 0 || !is_kept(jobs, base, &manifest->files[i], stop);
-    }
-    umbs_hang_up(&jobs);
-}
-
 /* Creates the folders of a path inside the bundle's folder, and opens the last one. */
 static int open_parent(struct umbj_upload *upload, const char *path, const char **name)
 {
@@ -205,18 +142,6 @@ static int open_parent(struct umbj_upload *upload, const char *path, const char 
     return folder;
 }
 
-/* Fails because the current file cannot be made. */
-static enum umb_status fail_create(const struct umbj_upload *upload, struct umb_error *error)
-{
-    const char *path = upload->files[upload->current].path;
-    return errno == EEXIST || errno == ENOTDIR || errno == EISDIR || errno == ENAMETOOLONG ||
-                   errno == EILSEQ
-               ? umb_fail(error, UMB_E_ARGUMENT,
-                          "files[%zu].path: '%.80s' cannot be a file beside the others",
-                          upload->current, path)
-               : fail_io(error, "create", path);
-}
-
 static enum umb_status open_current(struct umbj_upload *upload, struct umb_error *error)
 {
     const char *path = upload->files[upload->current].path, *name = NULL;
@@ -226,36 +151,17 @@ static enum umb_status open_current(struct umbj_upload *upload, struct umb_error
             openat(parent, name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
         umbs_hang_up(&parent);
     }
+    if (upload->fd < 0 && (errno == EEXIST || errno == ENOTDIR || errno == EISDIR ||
+                           errno == ENAMETOOLONG || errno == EILSEQ)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "files[%zu].path: '%.80s' cannot be a file beside the others",
+                        upload->current, path);
+    }
     if (upload->fd < 0) {
-        return fail_create(upload, error);
+        return fail_io(error, "create", path);
     }
     upload->written = 0;
     umbs_sha256_begin(&upload->hash);
-    return UMB_OK;
-}
-
-/* Links a kept file from the bundle that has it. The bundle stays while the upload is under way. */
-static enum umb_status link_current(struct umbj_upload *upload, struct umb_error *error)
-{
-    const struct umbj_bundle_file *file = &upload->files[upload->current];
-    char path[KEPT_PATH_SIZE];
-    const char *name = NULL;
-    if (upload->base[0] == '\0' || !is_kept(upload->jobs, upload->base, file, upload->stop)) {
-        return umb_fail(error, UMB_E_STATE,
-                        "files[%zu].kept: the last version had no '%.80s' of this size and hash; "
-                        "send it",
-                        upload->current, file->path);
-    }
-    int parent = open_parent(upload, file->path, &name);
-    kept_path(upload->base, file->path, path);
-    const int failed = parent < 0 || linkat(upload->jobs, path, parent, name, 0) != 0;
-    const int cause = errno;
-    umbs_hang_up(&parent);
-    errno = cause;
-    if (failed) {
-        return fail_create(upload, error);
-    }
-    upload->current++;
     return UMB_OK;
 }
 
@@ -288,8 +194,7 @@ static enum umb_status advance(struct umbj_upload *upload, struct umb_error *err
             return umb_fail(error, UMB_E_UNAVAILABLE, "server: shutting down");
         }
         if (upload->fd < 0) {
-            UMB__TRY(upload->files[upload->current].kept ? link_current(upload, error)
-                                                         : open_current(upload, error));
+            UMB__TRY(open_current(upload, error));
         } else if (upload->written == upload->files[upload->current].size) {
             UMB__TRY(close_current(upload, error));
         } else {

@@ -33,25 +33,9 @@ UMB_CHECKED enum umb_status umbj_upload_begin(const char *folder,
                                               const atomic_int *stop, struct umbj_upload **out,
                                               struct umb_error *error);
 
-/* Sets the bundle that has the upload's kept files (struct umbj_bundle_file), before the first
- * byte. */
-void umbj_upload_reuse(struct umbj_upload *upload, const uint8_t key[UMBJ_HASH_BYTES]);
-
-/*
- * Finds which files of a manifest a bundle lacks: those that have another path, size or hash there.
- *
- * In:    folder: the jobs folder. key: of the bundle. stop: as for umbj_upload_begin.
- * Out:   missing: [file_count] 1 or 0; 1 also for files that cannot be read, and once `stop` is
- *        set.
- * Cost:  blocks on the disk; reads all files that are as long as the manifest says.
- */
-void umbj_bundle_missing(const char *folder, const uint8_t key[UMBJ_HASH_BYTES],
-                         const struct umbj_manifest *manifest, const atomic_int *stop,
-                         uint8_t *missing);
-
-/* Writes the next bytes of the bundle. Kept files are hashed and linked. Fails: E_ARGUMENT (more
- * bytes than the manifest says, a wrong hash, a file with the name of a folder), E_STATE (a kept
- * file is not there), E_IO, E_LIMIT (disk full), E_UNAVAILABLE (`stop` was set). */
+/* Writes the next bytes of the bundle. Fails: E_ARGUMENT (more bytes than the manifest says, a
+ * wrong hash, a file with the name of a folder), E_IO, E_LIMIT (disk full), E_UNAVAILABLE (`stop`
+ * was set). */
 UMB_CHECKED enum umb_status umbj_upload_write(struct umbj_upload *upload, const void *bytes,
                                               size_t count, struct umb_error *error);
 

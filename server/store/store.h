@@ -227,9 +227,6 @@ UMB_CHECKED enum umb_status umbs_entry_revalidate(struct umbs_entry *entry,
 const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry);
 const struct umbs_store_item *umbs_entry_item(const struct umbs_entry *entry);
 
-/* Returns the number of the store's folder with the entry's file. */
-size_t umbs_entry_folder(const struct umbs_entry *entry);
-
 /* Returns the entry's number, from 1 on. An entry made later, even at the same address, has another
  * number. */
 uint64_t umbs_entry_serial(const struct umbs_entry *entry);

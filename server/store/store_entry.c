@@ -210,11 +210,6 @@ const struct umb_asset *umbs_entry_asset(const struct umbs_entry *entry)
     return entry->asset;
 }
 
-size_t umbs_entry_folder(const struct umbs_entry *entry)
-{
-    return entry->folder;
-}
-
 uint64_t umbs_entry_serial(const struct umbs_entry *entry)
 {
     return entry->serial;

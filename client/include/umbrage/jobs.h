@@ -100,17 +100,7 @@ struct umb_job_submission {
      * on the client's thread. */
     void (*sent)(void *user, uint64_t done, uint64_t total);
     void *user;
-    /* Name that the asset gets when the job is done, in the place of the asset that has it; NULL:
-     * none. 1 to 64 of [A-Za-z0-9._-]. With a token the asset is then TOKEN'S NAME/NAME. */
-    const char *replaces;
-    /* [file_count] 1: the file is not sent, because the last version of `replaces` had it. NULL:
-     * all files are sent. */
-    const uint8_t *kept;
-    /* [file_count] Result: 1 if the file must be sent, else it may be `kept`. If this is not NULL,
-     * the call only asks: it sends no files and makes no job. If the same submission was made
-     * before, `job` is set and all are 0. Otherwise `job` is "". */
-    uint8_t *missing;
-    uint64_t reserved[1]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_job_submitted {
@@ -124,7 +114,7 @@ struct umb_job_submitted {
  *
  * In:    submission: borrowed until the end of the call.
  * Fails: E_NO_INPUT or E_IO (a file that cannot be read, or that changed meanwhile), E_ARGUMENT,
- *        E_TOO_LARGE, E_BUSY (a quota), E_STATE (the daemon does not have a kept file: ask again).
+ *        E_TOO_LARGE, E_BUSY (a quota).
  * Threads: hashes the files on the caller's thread before it returns, also with async.
  * Cost:  reads every file twice, to hash and to send it.
  */

@@ -70,7 +70,6 @@ static void job_request_free(struct umbd_job_request *job_request)
     free(job_request->list);
     free(job_request->settings);
     free(job_request->prepared);
-    free(job_request->missing);
     free(job_request->message);
     free(job_request->jobs);
     free(job_request->chunk);

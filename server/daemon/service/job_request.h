@@ -53,9 +53,6 @@ struct umbd_job_request {
     struct umbj_bundle_file *list;
     struct umbj_setting *settings;
     struct umbj_upload *upload;
-    uint8_t base[UMBJ_HASH_BYTES]; /* Key of the bundle that the manifest's name has */
-    int has_base;
-    uint8_t *missing; /* [file_count] Answer to a manifest that asks */
     /* Submit, Watch, Cancel */
     struct umbj_job job;
     /* Watch */

@@ -16,19 +16,14 @@
 
 /* --- Submit --- */
 
-static void reply_submit(struct umbd_call *call, const struct umbw_submit_reply *reply)
-{
-    struct umbw_buffer head = {0};
-    if (umbd_call_ok(call, umbw_encode_submit_reply(reply, &head, umbd_call_error(call)))) {
-        umbd_call_reply(call, &head);
-    }
-}
-
 static void reply_job(struct umbd_call *call, const struct umbj_job *job, int existing)
 {
-    struct umbw_submit_reply reply = {.submitted = {.existing = existing}};
-    memcpy(reply.submitted.job, job->id, sizeof reply.submitted.job);
-    reply_submit(call, &reply);
+    struct umb_job_submitted reply = {.existing = existing};
+    struct umbw_buffer head = {0};
+    memcpy(reply.job, job->id, sizeof reply.job);
+    if (umbd_call_ok(call, umbw_encode_submit_reply(&reply, &head, umbd_call_error(call)))) {
+        umbd_call_reply(call, &head);
+    }
 }
 
 /* Converts a manifest from the wire to the job service's form. */
@@ -46,7 +41,6 @@ static enum umb_status translate(struct umbd_job_request *job_request, struct um
         job_request->list[i].path = from->files[i].path;
         job_request->list[i].size = from->files[i].size;
         memcpy(job_request->list[i].sha256, from->files[i].sha256, UMBJ_HASH_BYTES);
-        job_request->list[i].kept = from->files[i].kept;
     }
     for (size_t i = 0; i < from->setting_count; i++) {
         job_request->settings[i].name = from->settings[i].name;
@@ -57,8 +51,7 @@ static enum umb_status translate(struct umbd_job_request *job_request, struct um
                                                    .file_count = from->file_count,
                                                    .settings = job_request->settings,
                                                    .setting_count = from->setting_count,
-                                                   .priority = from->priority,
-                                                   .replaces = from->replaces};
+                                                   .priority = from->priority};
     return UMB_OK;
 }
 
@@ -76,16 +69,6 @@ static void begin_upload(struct umbd_job_request *job_request, struct umbj_servi
                                               &job_request->upload, &job_request->error);
 }
 
-/* Bytes of the files that come. */
-static uint64_t sent_bytes(const struct umbj_manifest *manifest)
-{
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < manifest->file_count; i++) {
-        bytes += manifest->files[i].kept ? 0 : manifest->files[i].size;
-    }
-    return bytes;
-}
-
 /*
  * Charges all files of an upload before their first byte. If an upload were refused midway, it
  * would have to start again, and at a low rate it would never end. A submission that is refused, or
@@ -96,49 +79,7 @@ static void upload_begun(struct umbd_job_request *job_request, struct umbd_call 
     if (job_request->upload == NULL) {
         reply_job(call, &job_request->job, 1);
     } else {
-        umbd_call_owe_points(call, sent_bytes(&job_request->manifest) / BYTES_A_POINT);
-    }
-}
-
-static void ask(struct umbd_job_request *job_request, struct umbj_service *service)
-{
-    job_request->status = umbj_service_ask(
-        service, job_request->owner, &job_request->manifest, job_request->prepared,
-        &job_request->job, job_request->base, &job_request->has_base, &job_request->error);
-}
-
-/* Compares the files with those of the last version. If that is removed meanwhile, files are
- * missing. */
-static void compare_files(struct umbd_job_request *job_request)
-{
-    const struct umbj_service_options *options = umbj_service_options_of(job_request->service);
-    const struct umbj_manifest *manifest = &job_request->manifest;
-    job_request->missing = malloc(manifest->file_count);
-    if (job_request->missing == NULL) {
-        job_request->status =
-            umb_fail(&job_request->error, UMB_E_NO_MEMORY, "out of memory for the answer");
-        return;
-    }
-    memset(job_request->missing, 1, manifest->file_count);
-    if (job_request->has_base) {
-        umbj_bundle_missing(options->folder, job_request->base, manifest,
-                            umbj_service_stop_of(job_request->service), job_request->missing);
-    }
-}
-
-static void files_compared(struct umbd_job_request *job_request, struct umbd_call *call)
-{
-    const struct umbw_submit_reply reply = {.missing = job_request->missing,
-                                            .missing_count = job_request->manifest.file_count};
-    reply_submit(call, &reply);
-}
-
-static void asked(struct umbd_job_request *job_request, struct umbd_call *call)
-{
-    if (job_request->job.id[0] != '\0') {
-        reply_job(call, &job_request->job, 1);
-    } else {
-        umbd_job_request_send(call, (struct umbd_job_step){compare_files, NULL, files_compared, 0});
+        umbd_call_owe_points(call, job_request->prepared->bytes / BYTES_A_POINT);
     }
 }
 
@@ -161,10 +102,7 @@ static void take_manifest(struct umbd_call *call, struct umbw_submit_request *re
     }
     call->task_bytes = call->message_size;
     job_request->max_bundle_bytes = umbj_service_options_of(call->backend->jobs)->max_bundle_bytes;
-    umbd_job_request_send(call,
-                          job_request->wire.ask
-                              ? (struct umbd_job_step){prepare, ask, asked, 0}
-                              : (struct umbd_job_step){prepare, begin_upload, upload_begun, 0});
+    umbd_job_request_send(call, (struct umbd_job_step){prepare, begin_upload, upload_begun, 0});
 }
 
 void umbd_submit_serve(struct umbd_call *call)
@@ -190,11 +128,6 @@ void umbd_submit_serve(struct umbd_call *call)
         return;
     }
     struct umbd_job_request *job_request = call->state;
-    if (job_request->wire.ask) {
-        umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT,
-                       "data: does not follow a manifest that asks");
-        return;
-    }
     const size_t at = request.data != NULL ? (size_t)(request.data - call->message) : 0;
     call->task_bytes = call->message_size;
     job_request->message = umbd_call_take_message(call);
@@ -227,10 +160,9 @@ static void accepted(struct umbd_job_request *job_request, struct umbd_call *cal
 
 void umbd_submit_end(struct umbd_call *call)
 {
-    const struct umbd_job_request *job_request = call->state;
-    if (job_request == NULL) {
+    if (call->state == NULL) {
         umbd_call_fail(call, UMBW_GRPC_INVALID_ARGUMENT, "manifest: the request ended without one");
-    } else if (!job_request->wire.ask && umbd_job_request_is_allowed(call)) {
+    } else if (umbd_job_request_is_allowed(call)) {
         call->task_bytes = 0;
         umbd_job_request_send(call,
                               (struct umbd_job_step){keep_bundle, accept_upload, accepted, 0});

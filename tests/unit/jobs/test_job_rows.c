@@ -28,7 +28,7 @@ static const char *const job_columns[] = {
     "id",         "owner",    "key",           "state",          "failure",
     "priority",   "epoch",    "tries",         "hard_tries",     "submitted_ms",
     "started_ms", "ended_ms", "not_before_ms", "lease_until_ms", "bundle_bytes",
-    "asset",      "cause",    "scene",         "settings",       "name"};
+    "asset",      "cause",    "scene",         "settings"};
 
 /* As SQL has them. */
 static const char *const values[] = {"-1",
@@ -83,14 +83,10 @@ static int tamper(struct fixture *f, const char *text)
 static void fill(struct fixture *f)
 {
     struct umbj_job job, done;
-    uint8_t asset[UMBJ_HASH_BYTES];
     int is_new;
     assert_int_equal(submit_as(f, "ann", 1, 0, 1000, &done, &is_new), UMB_OK);
     assert_int_equal(umbj_table_claim(f->table, 1000, 1000, &done, &f->error), UMB_OK);
     finish(f, &done, 7);
-    (void)snprintf(done.name, sizeof done.name, "town");
-    key_of(7, asset);
-    assert_int_equal(umbj_table_set_name(f->table, &done, asset, &f->error), UMB_OK);
     assert_int_equal(submit_as(f, "ann", 2, 0, 1000, &job, &is_new), UMB_OK);
     assert_int_equal(umbj_table_claim(f->table, 1001, 1001, &job, &f->error), UMB_OK);
     assert_int_equal(submit_as(f, "bob", 3, 0, 1000, &job, &is_new), UMB_OK);
@@ -113,7 +109,7 @@ static void check_spec(struct fixture *f, const struct umbj_job *job)
             assert_null(strstr(words.list[i], "--output"));
         }
         umbj_words_finish(&words);
-    } else if (status != UMB_E_INTERNAL) { /* wrong bytes in a column's own name */
+    } else {
         assert_int_equal(status, UMB_E_CORRUPT);
         assert_non_null(strstr(f->error.message, "damaged"));
     }
@@ -134,14 +130,6 @@ static void check_shown(const struct umbj_job *job)
     for (const char *at = job->cause; *at != '\0'; at++) {
         assert_true((unsigned char)*at >= ' ');
     }
-}
-
-static void check_name(void *user, const struct umbj_job *job)
-{
-    struct umb_error error;
-    (void)user;
-    assert_int_equal(umbj_name_check(job->name, &error), UMB_OK);
-    assert_true(strlen(job->owner) < UMBJ_OWNER_SIZE && strpbrk(job->owner, "\n\33") == NULL);
 }
 
 static void count_owned(void *user, const uint8_t *asset, const char *owner)
@@ -192,10 +180,6 @@ static void use(struct fixture *f)
     owned = 0;
     (void)!umbj_table_owned(f->table, count_owned, &owned, &f->error);
     (void)!umbj_table_next_start(f->table, 1, &when, &f->error);
-    (void)!umbj_table_each_name(f->table, check_name, NULL, &f->error);
-    if (umbj_table_stale_name(f->table, &job, &f->error) == UMB_OK) {
-        check_name(NULL, &job);
-    }
     for (int i = 0; i < 8 && umbj_table_unowned(f->table, asset, &f->error) == UMB_OK; i++) {
         (void)!umbj_table_forget(f->table, asset, &f->error);
     }
@@ -266,8 +250,7 @@ static void no_value_beside_the_jobs_is_believed(void **state)
         "asset SET id",    "asset SET bytes", "asset SET owners",      "owned SET asset",
         "owned SET owner", "bake SET key",    "bake SET asset",        "bake SET bake_ms",
         "turn SET owner",  "turn SET number", "state_count SET count", "tally SET owner",
-        "tally SET jobs",  "tally SET bytes", "name SET owner",        "name SET name",
-        "name SET key",    "name SET asset",  "name SET bytes"};
+        "tally SET jobs",  "tally SET bytes"};
     struct fixture *f = *state;
     char text[400];
     int64_t lost = 0, counts[UMBJ_STATE_COUNT];
@@ -404,20 +387,14 @@ static void a_damaged_page_is_told_with_the_files_name(void **state)
     assert_int_equal(umbj_table_open(f->path, &limits, &f->table, &f->error), UMB_OK);
 }
 
-/* Version 1 of the table had neither sizes nor counts, version 2 no names. */
-static void tables_of_the_versions_before_are_brought_up_to_date(void **state)
+/* Version 1 of the table had neither sizes nor counts. */
+static void a_table_of_the_version_before_is_brought_up_to_date(void **state)
 {
-    static const char without_names[] =
-        "DROP TABLE name; ALTER TABLE job DROP COLUMN name; PRAGMA user_version = 2";
     struct fixture *f = *state;
     int64_t counts[UMBJ_STATE_COUNT], lost = 0;
     struct umbj_kept kept;
     uint8_t asset[UMBJ_HASH_BYTES];
     fill(f);
-    assert_int_equal(tamper(f, without_names), SQLITE_OK);
-    reopen(f);
-    assert_int_equal(umbj_table_each_name(f->table, check_name, NULL, &f->error), UMB_OK);
-    assert_int_equal(tamper(f, without_names), SQLITE_OK);
     assert_int_equal(
         tamper(f, "DROP TRIGGER job_added; DROP TRIGGER job_moved; DROP TRIGGER job_removed;"
                   " DROP TRIGGER owned_added; DROP TRIGGER owned_removed; DROP TRIGGER asset_sized;"
@@ -434,7 +411,7 @@ static void tables_of_the_versions_before_are_brought_up_to_date(void **state)
     assert_int_equal(umbj_table_kept(f->table, "ann", &kept, &f->error), UMB_OK);
     assert_int_equal(kept.asset_bytes, 500);
     assert_int_equal(kept.jobs, 1);
-    assert_int_equal(tamper(f, "PRAGMA user_version = 4"), SQLITE_OK);
+    assert_int_equal(tamper(f, "PRAGMA user_version = 3"), SQLITE_OK);
     umbj_table_close(f->table);
     assert_int_equal(umbj_table_open(f->path, &limits, &f->table, &f->error), UMB_E_VERSION);
     unlink(f->path);
@@ -468,7 +445,7 @@ int main(void)
         TABLE_TEST(many_damaged_rows_are_all_found_at_a_start),
         TABLE_TEST(wrong_bytes_in_the_file_are_an_error_or_are_mended),
         TABLE_TEST(a_damaged_page_is_told_with_the_files_name),
-        TABLE_TEST(tables_of_the_versions_before_are_brought_up_to_date),
+        TABLE_TEST(a_table_of_the_version_before_is_brought_up_to_date),
         cmocka_unit_test(settings_without_a_last_newline_are_read_to_their_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

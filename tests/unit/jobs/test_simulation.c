@@ -113,11 +113,10 @@ static int64_t world_steady_ms(void *user)
 }
 
 /* The daemon's store: it loads new assets after a while, and some never. */
-static int world_serves(void *user, const uint8_t *asset, const char *name)
+static int world_serves(void *user, const uint8_t *asset)
 {
     struct sim *sim = user;
     (void)asset;
-    (void)name;
     if (sim->is_sound) {
         return 1;
     }

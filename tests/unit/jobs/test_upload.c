@@ -423,48 +423,6 @@ static void a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one
     }
 }
 
-static void kept_files_come_from_the_bundle_that_has_them(void **state)
-{
-    static const uint8_t none[3] = {1, 1, 1}, changed[3] = {1, 0, 0};
-    struct fixture *f = *state;
-    uint8_t first[UMBJ_HASH_BYTES], second[UMBJ_HASH_BYTES] = {0}, missing[3];
-    struct umbj_upload *upload = begin(f, first);
-    assert_int_equal(umbj_upload_write(upload, CONTENT CONTENT, 16, &f->error), UMB_OK);
-    assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
-    umbj_upload_destroy(upload);
-    umbs_sha256_bytes("another.", 8, f->files[0].sha256);
-    umbj_bundle_missing(f->folder, first, &f->manifest, NULL, missing);
-    assert_memory_equal(missing, changed, 3);
-    umbj_bundle_missing(f->folder, second, &f->manifest, NULL, missing); /* no such bundle */
-    assert_memory_equal(missing, none, 3);
-    f->manifest.replaces = "town";
-    f->files[1].kept = f->files[2].kept = 1;
-    for (int has_base = 0; has_base < 2; has_base++) {
-        upload = begin(f, second);
-        if (has_base) {
-            umbj_upload_reuse(upload, first);
-        }
-        assert_int_equal(umbj_upload_write(upload, "another.", 8, &f->error),
-                         has_base ? UMB_OK : UMB_E_STATE);
-        if (has_base) {
-            assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_OK);
-        }
-        umbj_upload_destroy(upload);
-    }
-    umbj_bundle_missing(f->folder, second, &f->manifest, NULL, missing);
-    assert_int_equal(missing[0] + missing[1] + missing[2], 0);
-    assert_int_equal(names_in(f, "incoming"), 0);
-    f->files[0].kept = 1; /* of which the first bundle has other bytes */
-    upload = begin(f, second);
-    umbj_upload_reuse(upload, first);
-    assert_int_equal(umbj_upload_accept(upload, &f->error), UMB_E_STATE);
-    assert_non_null(strstr(f->error.message, "files[0].kept"));
-    umbj_upload_destroy(upload);
-    f->manifest.replaces = "";
-    assert_int_equal(check(f), UMB_E_ARGUMENT);
-    assert_non_null(strstr(f->error.message, "replaces"));
-}
-
 int main(void)
 {
 #define UPLOAD_TEST(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
@@ -484,7 +442,6 @@ int main(void)
         UPLOAD_TEST(a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one),
         UPLOAD_TEST(removing_a_folder_does_not_follow_links),
         UPLOAD_TEST(a_folder_is_gone_at_once_for_those_who_write_into_it),
-        UPLOAD_TEST(kept_files_come_from_the_bundle_that_has_them),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -282,7 +282,7 @@ static bool fake_jobs(struct fake_stream *stream)
     struct umbw_buffer buffer = {NULL, 0, 0};
     struct umb_job_status jobs[2] = {{.job = "first", .state = 1}, {.job = "second", .state = 2}};
     const struct umbw_job_list list = {.jobs = jobs, .count = 2};
-    const struct umbw_submit_reply submitted = {.submitted = {.job = "first", .existing = 1}};
+    const struct umb_job_submitted submitted = {.job = "first", .existing = 1};
     char job[UMBW_JOB_MAX + 1] = "";
     enum umb_status status = UMB_OK;
     (void)!umbw_decode_job_request(stream->body + 5, stream->body_size - 5, job, NULL);
