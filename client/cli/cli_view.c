@@ -10,6 +10,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -125,6 +126,22 @@ static enum umb_status add_three(struct umbc_view_site *site, struct umb_error *
     return UMB_OK;
 }
 
+/* Can a browser do no more with the file than read it? A scene of others may name any file of its
+ * folder; a page or a script among them would run with the rights of the site. */
+static bool is_passive(const char *path)
+{
+    static const char *const endings[] = {".glb", ".gltf", ".bin",  ".obj",  ".mtl",
+                                          ".ply", ".stl",  ".png",  ".jpg",  ".jpeg",
+                                          ".bmp", ".tga",  ".webp", ".ktx2", ".dds"};
+    const char *point = strrchr(path, '.');
+    for (size_t i = 0; point != NULL && i < sizeof endings / sizeof endings[0]; i++) {
+        if (strcasecmp(point, endings[i]) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
 /* Adds the scene and the files that it names. Out: path: of the scene in the site. */
 static enum umb_status add_scene(struct umbc_view_site *site, const struct view_settings *settings,
                                  char path[PATH_SIZE], struct umb_error *error)
@@ -135,11 +152,27 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
     enum umb_status status = UMB_OK;
     for (size_t i = 0; i < bundle.count && status == UMB_OK; i++) {
         (void)snprintf(i == 0 ? path : other, PATH_SIZE, "scene/%s", bundle.files[i].path);
-        status =
-            umbc_view_site_add(site, i == 0 ? path : other, bundle.files[i].source, NULL, 0, error);
+        status = is_passive(bundle.files[i].path)
+                     ? umbc_view_site_add(site, i == 0 ? path : other, bundle.files[i].source, NULL,
+                                          0, error)
+                     : umb_fail(error, UMB_E_UNSUPPORTED,
+                                "--scene: names '%.200s', which is no mesh, material or image",
+                                bundle.files[i].path);
     }
     umbc_bundle_finish(&bundle);
     return status;
+}
+
+/* Returns the last part of a path or an address. What follows ? or # may be a secret. */
+static const char *name_of(const char *target, size_t *length)
+{
+    const size_t end = strstr(target, "://") != NULL ? strcspn(target, "?#") : strlen(target);
+    size_t begin = end > 0 ? end - 1 : 0;
+    while (begin > 0 && target[begin - 1] != '/') {
+        begin--;
+    }
+    *length = end - begin < NAME_LENGTH ? end - begin : NAME_LENGTH;
+    return target + begin;
 }
 
 /* Adds what the page must know. */
@@ -152,10 +185,10 @@ static enum umb_status add_config(struct umbc_view_site *site, const struct view
     if (file == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "view: out of memory");
     }
-    const char *slash = strrchr(settings->target, '/');
-    const char *name = slash != NULL && slash[1] != '\0' ? slash + 1 : settings->target;
+    size_t length;
+    const char *name = name_of(settings->target, &length);
     struct umbu_json json = umbu_json_open(file);
-    umbu_json_bytes(&json, "name", name, strnlen(name, NAME_LENGTH));
+    umbu_json_bytes(&json, "name", name, length);
     umbu_json_text(&json, "asset", asset);
     umbc_json_id(&json, "id", site->head.id);
     umbu_json_text(&json, "up", settings->up == 0 ? "y" : "z");

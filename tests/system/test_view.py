@@ -144,10 +144,11 @@ view.close()
 
 with test.check("an asset of a daemon and of a web server is passed on, and proven by its id"):
     daemon, web = test.daemon(), link.RangeServer(store)
-    for words in (("city", "--address", daemon.tcp), (f"http://127.0.0.1:{web.port}/city.umb",)):
+    for words in (("city", "--address", daemon.tcp), (f"http://127.0.0.1:{web.port}/city.umb?sign=a/secret",)):
         other = view_server.View(*words, program=program)
         assert ask(ASSET, port=other.port, host="Host: localhost\r\n")[2] == whole, words
-        assert json.loads(ask("/config.json", port=other.port, host="Host: localhost\r\n")[2])["id"] == ID
+        config = json.loads(ask("/config.json", port=other.port, host="Host: localhost\r\n")[2])
+        assert config["id"] == ID and "secret" not in str(config), config
         other.close()
     web.close()
 
@@ -164,8 +165,13 @@ with test.check("--export writes the files that would be served, and replaces no
     assert done.returncode == 73 and b"is not empty" in done.stderr, done
 
 with test.check("mistakes are named"):
+    for name, text in (("page.obj", "mtllib page.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"),
+                       ("page.mtl", "newmtl a\nmap_Kd page.html\n"), ("page.html", "<script>alert(1)</script>")):
+        with open(test.path("scene", name), "w", encoding="ascii") as file:
+            file.write(text)
     for words, code, text in (([test.path("no.umb")], 66, b"no.umb"), ([asset_file, "--scene", test.path("no.glb")], 66, b"no.glb"),
                               ([asset_file, "--scene", asset_file], 65, b"not a scene"), ([asset_file, "--port", "70000"], 2, b"65535"),
+                              ([asset_file, "--scene", test.path("scene", "page.obj")], 69, b"page.html"),
                               ([test.path("scene", "wall.obj")], 65, b"wall.obj")):
         done = ut.subprocess.run([program, "view", *words], check=False, stdout=ut.subprocess.PIPE, stderr=ut.subprocess.PIPE,
                                  timeout=20)

@@ -114,8 +114,11 @@ static double find_reach(const struct transform *t, const struct umb_frustum_inf
         umb__subtract(world, t->world, world);
         turn(t, world, p);
         for (unsigned k = 0; k < 3; k++) {
-            reach = fmax(reach, fabs(p[k]));
+            reach = isfinite(p[k]) ? fmax(reach, fabs(p[k])) : INFINITY;
         }
+    }
+    for (unsigned i = 0; i < 4; i++) {
+        reach = isfinite(t->rows[i][3]) ? reach : INFINITY;
     }
     return reach;
 }
@@ -154,7 +157,13 @@ static enum umb_status choose_scales(const struct transform *t,
                                      struct scales *scales, struct umb_error *error)
 {
     int range, size[4];
-    (void)frexp(MARGIN * find_reach(t, frustum), &range);
+    const double reach = MARGIN * find_reach(t, frustum);
+    if (!isfinite(reach)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "origin: the frustum is too far from it for numbers in doubles: give an "
+                        "origin near the casters");
+    }
+    (void)frexp(reach, &range);
     scales->units = NUMBER_BITS - range;
     for (unsigned i = 0; i < 4; i++) {
         size[i] = size_of(t->rows[i]);
