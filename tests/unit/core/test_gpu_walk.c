@@ -430,8 +430,8 @@ static void test_refusals(void **state)
                    "origin[1]");
     expect_refused(f.whole, &(struct umb_gpu_view){.origin = {1e12, 0, 0}}, UMB_E_ARGUMENT,
                    "origin: the frustum reaches");
-    expect_refused(f.whole, &(struct umb_gpu_view){.origin = {1.5e308, 1.5e308, 0}},
-                   UMB_E_ARGUMENT, "origin: the frustum is too far");
+    expect_refused(f.whole, &(struct umb_gpu_view){.origin = {1.5e308, 1.5e308, 0}}, UMB_E_ARGUMENT,
+                   "origin: the frustum is too far");
     expect_refused(f.whole,
                    &(struct umb_gpu_view){.has_to_world = 1, .to_world = {2, 0, 0, 0, 0, 1}},
                    UMB_E_ARGUMENT, "to_world: columns 0 and 0");
