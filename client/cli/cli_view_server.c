@@ -82,26 +82,6 @@ static bool send_all(int socket, const void *bytes, size_t size)
     return true;
 }
 
-static const char *reason_of(int status)
-{
-    static const struct {
-        int status;
-        const char *reason;
-    } reasons[] = {{200, "OK"},
-                   {206, "Partial Content"},
-                   {404, "Not Found"},
-                   {405, "Method Not Allowed"},
-                   {416, "Range Not Satisfiable"},
-                   {421, "Misdirected Request"},
-                   {503, "Service Unavailable"},
-                   {400, "Bad Request"}};
-    size_t i = 0;
-    while (i + 1 < sizeof reasons / sizeof reasons[0] && reasons[i].status != status) {
-        i++;
-    }
-    return reasons[i].reason;
-}
-
 /* Sends a head. Pages of other sites may neither read nor embed what is served, and no frame may
  * hold the viewer. */
 static bool send_head(int socket, const struct reply *reply)
@@ -116,15 +96,16 @@ static bool send_head(int socket, const struct reply *reply)
         (void)snprintf(range, sizeof range, "Content-Range: bytes */%llu\r\n",
                        (unsigned long long)reply->size);
     }
-    const int length = snprintf(
-        text, sizeof text,
-        "HTTP/1.1 %d %s\r\nContent-Type: %s\r\nContent-Length: %llu\r\n%s%s"
-        "Cache-Control: %s\r\nAccept-Ranges: bytes\r\nX-Content-Type-Options: nosniff\r\n"
-        "Cross-Origin-Resource-Policy: same-origin\r\nX-Frame-Options: DENY\r\n"
-        "Referrer-Policy: no-referrer\r\n%s\r\n",
-        reply->status, reason_of(reply->status), reply->type, (unsigned long long)reply->length,
-        range, reply->status == 405 ? "Allow: GET, HEAD\r\n" : "", reply->cache,
-        reply->keeps_open ? "" : "Connection: close\r\n");
+    const int length =
+        snprintf(text, sizeof text,
+                 "HTTP/1.1 %d %s\r\nContent-Type: %s\r\nContent-Length: %llu\r\n%s%s"
+                 "Cache-Control: %s\r\nAccept-Ranges: bytes\r\nX-Content-Type-Options: nosniff\r\n"
+                 "Cross-Origin-Resource-Policy: same-origin\r\nX-Frame-Options: DENY\r\n"
+                 "Referrer-Policy: no-referrer\r\n%s\r\n",
+                 reply->status, umbn_http1_reason(reply->status), reply->type,
+                 (unsigned long long)reply->length, range,
+                 reply->status == 405 ? "Allow: GET, HEAD\r\n" : "", reply->cache,
+                 reply->keeps_open ? "" : "Connection: close\r\n");
     return send_all(socket, text, (size_t)length);
 }
 
@@ -263,8 +244,8 @@ static bool answer(struct connection *connection, const struct umbn_http1_reques
     return sent && reply.keeps_open;
 }
 
-/* Receives until a head is complete. Returns its size; 0: the peer left, or was too slow; more than
- * was received: the head is refused. Out: refusal: its status, or 0. */
+/* Receives until a head is complete. Returns its size; 0: the peer left, was too slow, or its head is
+ * refused. Out: refusal: the status of that, or 0. */
 static size_t receive_head(struct connection *connection, int *refusal)
 {
     const double stop_s = umbu_clock_s() + HEAD_S;

@@ -168,3 +168,38 @@ int umbn_tags_have(struct umbn_http1_text field, const char *tag, int weakly)
     } while (skip_byte(&rest, ','));
     return 0;
 }
+
+const char *umbn_http1_reason(int status)
+{
+    static const struct {
+        int status;
+        const char *reason;
+    } reasons[] = {
+        {200, "OK"},
+        {204, "No Content"},
+        {206, "Partial Content"},
+        {304, "Not Modified"},
+        {400, "Bad Request"},
+        {401, "Unauthorized"},
+        {403, "Forbidden"},
+        {404, "Not Found"},
+        {405, "Method Not Allowed"},
+        {412, "Precondition Failed"},
+        {413, "Content Too Large"},
+        {414, "URI Too Long"},
+        {416, "Range Not Satisfiable"},
+        {417, "Expectation Failed"},
+        {421, "Misdirected Request"},
+        {429, "Too Many Requests"},
+        {431, "Request Header Fields Too Large"},
+        {501, "Not Implemented"},
+        {503, "Service Unavailable"},
+        {505, "HTTP Version Not Supported"},
+        {500, "Internal Server Error"},
+    };
+    size_t i = 0;
+    while (i + 1 < sizeof reasons / sizeof reasons[0] && reasons[i].status != status) {
+        i++;
+    }
+    return reasons[i].reason;
+}

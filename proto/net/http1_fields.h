@@ -44,4 +44,7 @@ enum umbn_ranges_result umbn_ranges_parse(struct umbn_http1_text field, uint64_t
  */
 int umbn_tags_have(struct umbn_http1_text field, const char *tag, int weakly);
 
+/* Returns the reason phrase of an answer's status; of 500 for a status that is never sent. */
+const char *umbn_http1_reason(int status);
+
 #endif

@@ -28,7 +28,7 @@ enum {
 
 struct planted_scene {
     struct soup world;        /* world metres */
-    struct soup voxels;       /* the same in voxel space */
+    struct soup voxels;       /* The same in voxel space */
     struct umb__octree truth; /* under the open rule */
     double deepest;           /* depth in voxels behind which no box reaches */
 };
