@@ -244,8 +244,8 @@ static bool answer(struct connection *connection, const struct umbn_http1_reques
     return sent && reply.keeps_open;
 }
 
-/* Receives until a head is complete. Returns its size; 0: the peer left, was too slow, or its head is
- * refused. Out: refusal: the status of that, or 0. */
+/* Receives until a head is complete. Returns its size; 0: the peer left, was too slow, or its head
+ * is refused. Out: refusal: the status of that, or 0. */
 static size_t receive_head(struct connection *connection, int *refusal)
 {
     const double stop_s = umbu_clock_s() + HEAD_S;
