@@ -70,7 +70,8 @@ def show(row, value, count, scale, turns, **more):
     meet the same load, so a ratio of a turn wanders less than a ratio of medians."""
     wall, busy, peer_wall, peer_busy = (round(statistics.median(column) * 1e9 / count / scale, 2) for column in zip(*turns))
     print(json.dumps({"row": row, "value": statistics.median(value(one[1], one[3]) for one in turns),
-                      "value_by_clock": statistics.median(value(one[0], one[2]) for one in turns), "python": busy, "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
+                      "value_by_clock": statistics.median(value(one[0], one[2]) for one in turns), "python": busy,
+                      "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
 
 
 # Values are of processors' time: on a busy machine the clock counts other programs, and threads wait for each other.
