@@ -195,6 +195,12 @@ picture-table: $(PROGRAMS) $(BUILD)/scenegen ## false light and false shadow of 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/picture_table.py
 .PHONY: bias-table picture-table
 
+# What this version promises to later ones: once for each release.
+COMPAT ?= tests/compat/$(VERSION)
+compat-record: $(PROGRAMS) python ## record files, ids, answers, messages and interfaces for later versions in tests/compat/VERSION (COMPAT=DIR)
+	@BUILD=$(BUILD) /usr/bin/python3 tests/compat/compat.py record "$(COMPAT)"
+.PHONY: compat-record
+
 # Packages: root and debootstrap; the release is made twice, without a cache of compilers.
 test-deb: deb ## Debian packages in a bare root: first answer, purge, upgrade, downgrade (root, debootstrap)
 	@BUILD=$(BUILD) sh tests/packaging/test_deb.sh
