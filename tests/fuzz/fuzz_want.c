@@ -89,7 +89,7 @@ static int fetch(struct umb_partial *partial, const struct bytes *file,
         if (umb_partial_want(partial, view, 0, NULL) != UMB_OK) {
             return 0;
         }
-        FUZZ_DEMAND(partial->want_steps <= 1024 + 65 * umb__partial_nodes(partial));
+        FUZZ_DEMAND(partial->want_steps <= 1024 + 65 * partial->node_count);
         const size_t count = umb_partial_missing(partial, list, PAGES_A_ROUND, 0);
         for (size_t i = 0; i < count; i++) {
             FUZZ_DEMAND(!umb_partial_has(partial, list[i]));

@@ -10,9 +10,8 @@
 
 #include "base/memory.h"
 #include "base/try.h"
+#include "format/node_places.h"
 
-#define LINE_WORDS    8U  /* Words of a cache line */
-#define GAPS          16U /* Gaps that are remembered */
 #define GRID_LOG2_TOP 6U  /* Finest grid: finer ones gain nothing beside columns */
 
 struct builder {
@@ -91,45 +90,6 @@ static uint64_t content_bytes(const struct umb__octree *octree)
     return bytes;
 }
 
-/* A gap: room that placing nodes left within a cache line. */
-struct gap {
-    uint64_t word;
-    uint64_t words;
-};
-
-/* Placement of the nodes of one level, one after the other. */
-struct places {
-    uint64_t end;    /* First word behind all nodes so far */
-    uint32_t oldest; /* Index of the gap to be replaced next */
-    struct gap gaps[GAPS];
-};
-
-/*
- * Returns the first word of a node of `length` words. A node that fits a cache line lies within
- * one, if possible in a gap that longer nodes left. A longer node begins at a line: its masks and
- * first numbers then cost one cache miss, and its other numbers one more.
- */
-static uint64_t place_node(struct places *places, uint64_t length)
-{
-    const uint64_t used = places->end % LINE_WORDS;
-    uint64_t begin = places->end;
-    for (uint32_t i = 0; i < GAPS && length <= LINE_WORDS; i++) {
-        struct gap *gap = &places->gaps[i];
-        if (gap->words >= length) {
-            gap->word += length;
-            gap->words -= length;
-            return gap->word - length;
-        }
-    }
-    if (used != 0 && used + length > LINE_WORDS) {
-        begin += LINE_WORDS - used;
-        places->gaps[places->oldest] = (struct gap){places->end, LINE_WORDS - used};
-        places->oldest = (places->oldest + 1) % GAPS;
-    }
-    places->end = begin + length;
-    return begin;
-}
-
 /* Places every wide node: level 5 first, in the order of the octree. Levels above the cells of
  * every grid dissolve into the grids and get no nodes. */
 static enum umb_status place_nodes(struct builder *b)
@@ -139,7 +99,7 @@ static enum umb_status place_nodes(struct builder *b)
     for (uint32_t i = 0; i < UMB__WIDE_COUNT; i++) {
         uint32_t level = UMB__WIDE_FIRST + 2 * i;
         uint32_t count = level <= b->level_highest ? b->octree->level[level].count : 0;
-        struct places places = {.end = words};
+        struct umb__node_places places = {.end = words};
         view->level_begin[i] = words;
         b->word_of[level] = umb__alloc(b->mapped->alloc, count, sizeof(uint32_t));
         if (!b->word_of[level]) {
@@ -150,7 +110,7 @@ static enum umb_status place_nodes(struct builder *b)
                 return umb_fail(b->error, UMB_E_TOO_LARGE, "expanding: more than 32 GiB of nodes");
             }
             b->word_of[level][node] =
-                (uint32_t)place_node(&places, words_of(b->octree, level, node));
+                (uint32_t)umb__place_node(&places, words_of(b->octree, level, node));
         }
         words = places.end;
     }

@@ -232,7 +232,8 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
     p->zstd = ZSTD_createDCtx();
     p->pages = umb__alloc_zeroed(&p->alloc, p->head.page_count, sizeof *p->pages);
     p->heap = umb__alloc(&p->alloc, p->head.page_count, sizeof *p->heap);
-    if (!p->zstd || !p->pages || !p->heap) {
+    p->changed = umb__alloc(&p->alloc, p->head.page_count, sizeof *p->changed);
+    if (!p->zstd || !p->pages || !p->heap || !p->changed) {
         return no_memory(error, "the list of pages");
     }
     UMB__TRY(link_roots(p, error));
@@ -255,6 +256,7 @@ enum umb_status umb_partial_open(const void *front, size_t size,
                options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY,
                &p->alloc);
     p->meter.used = sizeof *p;
+    p->node_extents.alloc = p->brick_extents.alloc = &p->alloc;
     p->sha256 = options->sha256;
     enum umb_status status = open_front(p, front, size, options->id, error);
     if (status != UMB_OK) {
@@ -265,22 +267,6 @@ enum umb_status umb_partial_open(const void *front, size_t size,
     return UMB_OK;
 }
 
-void umb__partial_unbuild(struct umb_partial *p)
-{
-    umb__mapped_finish(&p->upper.mapped); /* Its bricks belong to the lower asset */
-    umb__mapped_finish(&p->lower.mapped);
-    for (size_t level = 0; level < UMB__LEVELS; level++) {
-        umb__free(&p->alloc, p->seen[level]);
-        p->seen[level] = NULL;
-    }
-    p->graph.alloc = &p->alloc;
-    umb__octree_finish(&p->graph);
-    umb__free(&p->alloc, p->order);
-    p->order = NULL;
-    p->order_count = 0;
-    p->built = false;
-}
-
 void umb_partial_close(struct umb_partial *p)
 {
     if (!p) {
@@ -289,9 +275,11 @@ void umb_partial_close(struct umb_partial *p)
     umb__partial_unbuild(p);
     for (uint32_t page = 0; p->pages && page < p->head.page_count; page++) {
         umb__free(&p->alloc, p->pages[page].stored);
+        umb__free(&p->alloc, p->pages[page].raw);
         umb__free(&p->alloc, p->pages[page].links);
     }
     umb__free(&p->alloc, p->pages);
+    umb__free(&p->alloc, p->changed);
     umb__free(&p->alloc, p->heap);
     umb__free(&p->alloc, p->entries);
     umb__free(&p->alloc, p->blocks);
@@ -382,8 +370,9 @@ static enum umb_status prove(const struct umb_partial *p, const struct umb__page
                           entry->page);
 }
 
+/* Stores a page. In: raw: its uncompressed bytes, taken over. */
 static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
-                            const struct umb__page_entry *entry, const void *stored,
+                            const struct umb__page_entry *entry, const void *stored, uint8_t *raw,
                             struct umb_error *error)
 {
     struct umb__links *links = links_of(p, entry->page);
@@ -397,14 +386,16 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     memcpy(copy, stored, entry->stored_length);
     memcpy(links->count, page->node_count, sizeof links->count);
     p->pages[entry->page].stored = copy;
+    p->pages[entry->page].raw = raw;
     p->held_count++;
     p->held_bytes += entry->stored_length;
     note_page(p, entry->page);
+    umb__partial_note_change(p, entry->page);
     return UMB_OK;
 }
 
 /* Proves a page by its hash, checks its links to and from other pages, and stores it. In: raw: room
- * for the uncompressed page. */
+ * for the uncompressed page; taken over if the page is stored. */
 static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__page_entry *entry,
                                       const void *stored, uint8_t *raw, struct umb_error *error)
 {
@@ -414,7 +405,7 @@ static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__p
     UMB__TRY(umb__page_open(raw, entry, &page, error));
     UMB__TRY(check_counts(p, entry->page, &page, error));
     UMB__TRY(visit_links(p, &page, entry->page, false, error));
-    return keep(p, &page, entry, stored, error);
+    return keep(p, &page, entry, stored, raw, error);
 }
 
 /* Drops pages of less benefit than a new one, until the new one fits. */
@@ -422,6 +413,9 @@ static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry
 {
     const uint64_t needed = (uint64_t)entry->raw_length + entry->stored_length + ROOM_FOR_LINKS;
     while (p->meter.limit - p->meter.used < needed) {
+        if (umb__partial_free_raw(p)) {
+            continue;
+        }
         const uint32_t worst = umb__partial_worst(p);
         if (worst == UINT32_MAX || p->pages[worst].benefit >= p->pages[entry->page].benefit) {
             return false;
@@ -461,7 +455,9 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
     uint8_t *raw = umb__alloc(&p->alloc, entry.raw_length, 1);
     const enum umb_status status =
         raw ? check_and_keep(p, &entry, stored, raw, error) : no_memory(error, "a page");
-    umb__free(&p->alloc, raw);
+    if (status != UMB_OK) {
+        umb__free(&p->alloc, raw);
+    }
     return status;
 }
 
@@ -474,7 +470,9 @@ void umb_partial_drop(struct umb_partial *p, uint32_t page)
     p->held_bytes -= umb__directory_load(&p->head, page).stored_length;
     p->held_count--;
     umb__free(&p->alloc, held->stored);
-    held->stored = NULL;
+    umb__free(&p->alloc, held->raw);
+    held->stored = held->raw = NULL;
+    umb__partial_note_change(p, page);
 }
 
 enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, const void *bytes,

@@ -1,323 +1,144 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Builds the lower and the upper asset of partial.h from the held pages. The first step makes a
- * graph: the octree of all held nodes, in which a child in a missing page is UMB__ABSENT | page.
- * The second step makes the lower and the upper octree, in which such a child is a uniform state,
- * and their mapped layouts. Both layouts share their bricks, which are the same.
+ * Brings the lower and the upper asset of partial.h up to date with the held pages. Only pages that
+ * came or went since the last build are touched: their nodes and bricks, the wide nodes of other
+ * pages that depend on them, and, if they have nodes high in the tree, the grids.
+ *
+ * A build that does not fit the memory budget drops the page of the least benefit and goes on. If
+ * memory runs out while wide nodes are written, the layout is given up and made anew from the
+ * stored pages, with an eighth fewer.
  */
 #include <string.h>
 
-#include "base/bytes.h"
 #include "base/memory.h"
 #include "base/try.h"
 #include "partial/partial_parts.h"
 
-static enum umb_status no_memory(struct umb_error *error)
+void umb__partial_note_change(struct umb_partial *p, uint32_t page)
 {
-    return umb_fail(error, UMB_E_NO_MEMORY,
-                    "partial asset: the pages at hand do not fit the "
-                    "memory budget");
+    struct umb__held *held = &p->pages[page];
+    if (!held->changed) {
+        held->changed = true;
+        p->changed[p->changed_count++] = page;
+    }
 }
 
-uint32_t umb__partial_page_of(const struct umb_partial *p, uint32_t level, uint32_t index)
+void umb__partial_unbuild(struct umb_partial *p)
 {
-    /* The wanted page is the last one whose first node of the level is not behind the node. A page
-     * without nodes of the level has the same first number as the next page, and stands before that
-     * page. */
-    uint32_t low = 0, high = p->order_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (p->pages[p->order[middle]].links->first[level] <= index) {
-            low = middle;
-        } else {
-            high = middle;
+    for (uint32_t page = 0; p->pages && p->changed && page < p->head.page_count; page++) {
+        struct umb__held *held = &p->pages[page];
+        if (held->laid) {
+            umb__free(&p->alloc, held->laid->nodes);
+            umb__free(&p->alloc, held->laid);
+            held->laid = NULL;
+            umb__partial_note_change(p, page);
         }
+        held->watchers = 0;
     }
-    return p->order[low];
+    struct umb__arena *const arenas[] = {&p->nodes[0], &p->nodes[1], &p->bricks};
+    for (size_t i = 0; i < 3; i++) {
+        umb__free(&p->alloc, arenas[i]->block);
+        *arenas[i] = (struct umb__arena){0};
+    }
+    umb__extents_finish(&p->node_extents);
+    umb__extents_finish(&p->brick_extents);
+    p->node_extents.alloc = p->brick_extents.alloc = &p->alloc;
+    umb__free(&p->alloc, p->watches);
+    umb__free(&p->alloc, p->dirty);
+    p->watches = NULL;
+    p->dirty = NULL;
+    p->watch_count = p->watch_capacity = p->dirty_count = p->dirty_capacity = 0;
+    p->watch_spare = 0;
+    umb__tops_finish(p);
+    p->node_count = 0;
+    p->broken = false;
+    p->built = false;
 }
 
-/* Numbers the nodes of all held pages, in the order of the file. */
-static enum umb_status number_pages(struct umb_partial *p, uint64_t totals[UMB__LEVELS],
-                                    struct umb_error *error)
-{
-    memset(totals, 0, UMB__LEVELS * sizeof *totals);
-    p->order = umb__alloc(&p->alloc, p->held_count, sizeof *p->order);
-    if (!p->order) {
-        return no_memory(error);
-    }
-    for (uint32_t page = 0; page < p->head.page_count; page++) {
-        struct umb__links *links = p->pages[page].links;
-        if (!p->pages[page].stored) {
-            continue;
-        }
-        p->order[p->order_count++] = page;
-        for (size_t level = 0; level < UMB__LEVELS; level++) {
-            links->first[level] = (uint32_t)totals[level];
-            totals[level] += links->count[level];
-            if (totals[level] >= UMB__ABSENT) {
-                return umb_fail(error, UMB_E_CORRUPT, "pages: one level has 2^31 nodes or more");
-            }
-        }
-    }
-    return UMB_OK;
-}
-
-/* Allocates the arrays for nodes. Those for children are allocated when their sizes are known. */
-static bool allocate_graph(struct umb_partial *p, const uint64_t *totals)
-{
-    struct umb__octree *g = &p->graph;
-    bool ok = true;
-    g->alloc = &p->alloc;
-    g->brick_count = (uint32_t)totals[UMB_LEVEL_BRICK];
-    g->root_count = p->canonical.content.frustum_count;
-    g->bricks = umb__alloc_large(&p->alloc, g->brick_count, sizeof *g->bricks);
-    g->roots = umb__alloc_zeroed(&p->alloc, g->root_count, sizeof *g->roots);
-    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
-        struct umb__octree_level *level = &g->level[l];
-        level->masks = umb__alloc(&p->alloc, (size_t)totals[l], sizeof *level->masks);
-        level->first = umb__alloc_zeroed(&p->alloc, (size_t)totals[l] + 1, sizeof *level->first);
-        level->children = umb__alloc(&p->alloc, 1, sizeof *level->children);
-        ok = ok && level->masks && level->first && level->children;
-    }
-    return ok && g->bricks && g->roots;
-}
-
-/* Working memory for filling the graph from one page after another. */
-struct filling {
-    struct umb_partial *p;
-    uint8_t *raw; /* Room for the longest page, uncompressed */
-    /* Numbers in the graph of the nodes of other pages to which a page's level refers; UMB__ABSENT
-     * | page if that page is missing */
-    uint32_t *others;
-    uint64_t *leaves; /* Leaves of a page */
-    size_t others_capacity, leaves_capacity;
-    size_t children_capacity[UMB__LEVELS]; /* Capacities of the graph's children */
-};
-
-/* Finds the graph's numbers of the nodes in other pages to which level l of a page refers. Returns
- * false if out of memory. */
-static bool read_others(struct filling *f, const struct umb__page *page, uint32_t l)
-{
-    const struct umb__held *pages = f->p->pages;
-    struct umb__page_others others = umb__page_others(page, l);
-    if (!umb__grow(&f->p->alloc, &f->others, &f->others_capacity, page->external_count[l],
-                   sizeof *f->others)) {
-        return false;
-    }
-    for (uint32_t i = 0; i < page->external_count[l]; i++) {
-        const struct umb__node_place place = umb__page_others_next(&others);
-        f->others[i] = pages[place.page].stored
-                           ? pages[place.page].links->first[l - 1] + place.position
-                           : UMB__ABSENT | place.page;
-    }
-    return true;
-}
-
-/* Appends one page's nodes of level l to the graph. Pages are appended in the order of the file.
- * Returns false if out of memory. */
-static bool fill_level(struct filling *f, uint32_t number, const struct umb__page *page, uint32_t l)
-{
-    struct umb__octree_level *level = &f->p->graph.level[l];
-    const uint32_t own = f->p->pages[number].links->first[l - 1];
-    const uint64_t end = level->first[level->count] + page->child_count[l];
-    if (end >= UINT32_MAX || !read_others(f, page, l) ||
-        !umb__grow(&f->p->alloc, &level->children, &f->children_capacity[l], (size_t)end,
-                   sizeof *level->children)) {
-        return false;
-    }
-    struct umb__page_nodes nodes = umb__page_nodes(page, l);
-    for (uint32_t i = 0; i < page->node_count[l]; i++) {
-        uint32_t references[8], *children = level->children + level->first[level->count];
-        const unsigned count =
-            umb__page_nodes_next(&nodes, &level->masks[level->count], references);
-        for (unsigned c = 0; c < count; c++) {
-            children[c] = references[c] < nodes.own ? own + references[c]
-                                                    : f->others[references[c] - nodes.own];
-        }
-        level->first[level->count + 1] = level->first[level->count] + count;
-        level->count++;
-    }
-    return true;
-}
-
-/* Adds one page's bricks to the graph. False: out of memory. */
-static bool fill_bricks(struct filling *f, uint32_t number, const struct umb__page *page)
-{
-    uint64_t(*bricks)[8] = f->p->graph.bricks + f->p->pages[number].links->first[UMB_LEVEL_BRICK];
-    if (!umb__grow(&f->p->alloc, &f->leaves, &f->leaves_capacity, page->leaf_count,
-                   sizeof *f->leaves)) {
-        return false;
-    }
-    umb__page_leaves(page, f->leaves);
-    struct umb__page_bricks reader = umb__page_bricks(page, f->leaves);
-    for (uint32_t i = 0; i < page->node_count[UMB_LEVEL_BRICK]; i++) {
-        umb__page_bricks_next(&reader, bricks[i]);
-    }
-    return true;
-}
-
-static enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_error *error)
-{
-    const struct umb_partial *p = f->p;
-    const struct umb__page_entry entry = umb__directory_load(&p->head, number);
-    struct umb__page page;
-    UMB__TRY(umb__page_expand(p->zstd, p->pages[number].stored, &entry, f->raw, error));
-    UMB__TRY(umb__page_open(f->raw, &entry, &page, error));
-    bool filled = fill_bricks(f, number, &page);
-    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX && filled; l++) {
-        filled = fill_level(f, number, &page, l);
-    }
-    return filled ? UMB_OK : no_memory(error);
-}
-
-static enum umb_status fill_graph(struct umb_partial *p, struct umb_error *error)
-{
-    struct filling f = {.p = p};
-    uint32_t longest = 1;
-    for (uint32_t i = 0; i < p->order_count; i++) {
-        uint32_t length = umb__directory_load(&p->head, p->order[i]).raw_length;
-        longest = length > longest ? length : longest;
-    }
-    f.raw = umb__alloc(&p->alloc, longest, 1);
-    enum umb_status status = f.raw ? UMB_OK : no_memory(error);
-    for (uint32_t i = 0; i < p->order_count && status == UMB_OK; i++) {
-        status = fill_page(&f, p->order[i], error);
-    }
-    umb__free(&p->alloc, f.raw);
-    umb__free(&p->alloc, f.others);
-    umb__free(&p->alloc, f.leaves);
-    return status;
-}
-
-static void place_roots(struct umb_partial *p)
-{
-    for (uint32_t i = 0; i < p->graph.root_count; i++) {
-        const struct umb__packed_root *packed = &p->canonical.roots[i];
-        struct umb__octree_root *root = &p->graph.roots[i];
-        root->state = (enum umb__node_state)packed->state;
-        root->level = p->canonical.content.frusta[i].log2_size;
-        if (root->state == UMB__NODE_MIXED) {
-            root->index = p->pages[packed->page].stored
-                              ? p->pages[packed->page].links->first[root->level] + packed->position
-                              : UMB__ABSENT | packed->page;
-        }
-    }
-}
-
-static enum umb_status build_graph(struct umb_partial *p, struct umb_error *error)
-{
-    uint64_t totals[UMB__LEVELS];
-    UMB__TRY(number_pages(p, totals, error));
-    if (!allocate_graph(p, totals)) {
-        return no_memory(error);
-    }
-    UMB__TRY(fill_graph(p, error));
-    place_roots(p);
-    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS; l++) {
-        p->seen[l] = umb__alloc(&p->alloc, p->graph.level[l].count, sizeof *p->seen[l]);
-        if (!p->seen[l]) {
-            return no_memory(error);
-        }
-    }
-    return UMB_OK;
-}
-
-/* Makes one level of an octree from the graph's level; absent children get `state`. Returns false
- * if out of memory. */
-static bool settle_level(struct umb_partial *p, const struct umb__octree_level *from,
-                         enum umb__node_state state, struct umb__octree_level *to)
-{
-    to->masks = umb__alloc(&p->alloc, from->count, sizeof *to->masks);
-    to->first = umb__alloc_zeroed(&p->alloc, (size_t)from->count + 1, sizeof *to->first);
-    to->children = umb__alloc(&p->alloc, from->first[from->count], sizeof *to->children);
-    if (!to->masks || !to->first || !to->children) {
-        return false;
-    }
-    to->count = from->count;
-    uint32_t next = 0;
-    for (uint32_t node = 0; node < from->count; node++) {
-        const uint32_t *child = from->children + from->first[node];
-        uint16_t mask = from->masks[node];
-        for (unsigned c = 0; c < 8; c++) {
-            if (umb__mask_state(mask, c) != UMB__NODE_MIXED) {
-                continue;
-            }
-            if (*child & UMB__ABSENT) {
-                mask = (uint16_t)((mask & ~(3U << (2 * c))) | (unsigned)state << (2 * c));
-            } else {
-                to->children[next++] = *child;
-            }
-            child++;
-        }
-        to->masks[node] = mask;
-        to->first[node + 1] = next;
-    }
-    return true;
-}
-
-/* Makes the mapped layout of the graph, with `state` in place of absent children. In: bricks: the
- * layout takes them over; NULL for a layout that will share the other's bricks. */
-static enum umb_status lay_out(struct umb_partial *p, enum umb__node_state state,
-                               uint64_t (*bricks)[8], struct umb__mapped *mapped,
-                               struct umb_error *error)
-{
-    struct umb__octree octree = {.alloc = &p->alloc,
-                                 .brick_count = p->graph.brick_count,
-                                 .bricks = bricks,
-                                 .root_count = p->graph.root_count};
-    octree.roots = umb__alloc(&p->alloc, octree.root_count, sizeof *octree.roots);
-    bool ok = octree.roots != NULL;
-    for (size_t l = UMB_LEVEL_BRICK + 1; l < UMB__LEVELS && ok; l++) {
-        ok = settle_level(p, &p->graph.level[l], state, &octree.level[l]);
-    }
-    enum umb_status status = UMB_E_NO_MEMORY;
-    if (ok) {
-        memcpy(octree.roots, p->graph.roots, octree.root_count * sizeof *octree.roots);
-        for (uint32_t i = 0; i < octree.root_count; i++) {
-            struct umb__octree_root *root = &octree.roots[i];
-            if (root->state == UMB__NODE_MIXED && (root->index & UMB__ABSENT)) {
-                root->state = state;
-                root->index = 0;
-            }
-        }
-        status = umb__mapped_build(&octree, &p->canonical.content, p->meter.limit, mapped, error);
-    }
-    umb__octree_finish(&octree);
-    return status == UMB_OK ? UMB_OK : no_memory(error);
-}
-
-/* Makes an asset for queries from a layout. The partial asset still owns content and id. */
-static void init_view(const struct umb_partial *p, struct umb_asset *asset)
+/* Makes an asset for queries from the layout. The partial asset still owns content and id. */
+static void set_view(const struct umb_partial *p, size_t i, struct umb_asset *asset)
 {
     asset->alloc = &p->alloc;
     asset->canonical = p->canonical;
-    asset->view = asset->mapped.view;
+    asset->view = (struct umb__view){
+        .tops = p->tops,
+        .grid = p->grids[i],
+        .nodes = (const uint64_t *)(const void *)p->nodes[i].base,
+        .bricks = (const uint64_t(*)[8])(const void *)p->bricks.base,
+        .columns = p->columns,
+        .pieces = p->pieces[i],
+        .grid_count = p->grid_count,
+        .node_words = (uint64_t)p->node_extents.end * 8,
+        .brick_count = p->brick_extents.end,
+        .column_count = p->column_count,
+        .piece_count = p->piece_count,
+    };
     asset->notes = (char *)(uintptr_t) "";
     asset->encoding = UMB_ENCODING_PACKED;
     asset->file_bytes = p->head.file_length;
     memcpy(asset->id, p->head.id, UMB_ID_BYTES);
 }
 
+/* Takes pages that are no longer held out of the layout, and lays out those that came. */
+static enum umb_status change_pages(struct umb_partial *p, struct umb_error *error)
+{
+    for (uint32_t i = 0; i < p->changed_count; i++) {
+        const struct umb__held *held = &p->pages[p->changed[i]];
+        if (held->laid && !held->stored) {
+            umb__partial_unlay(p, p->changed[i]);
+        }
+    }
+    umb__partial_trim(p);
+    for (uint32_t i = 0; i < p->changed_count; i++) {
+        const struct umb__held *held = &p->pages[p->changed[i]];
+        if (held->stored && !held->laid) {
+            UMB__TRY(umb__partial_lay(p, p->changed[i], error));
+        }
+    }
+    return UMB_OK;
+}
+
+/* Writes the wide nodes of pages that came, and those that depend on pages that came or went. */
+static bool write_nodes(struct umb_partial *p)
+{
+    for (uint32_t i = 0; i < p->changed_count && !p->broken; i++) {
+        const uint32_t page = p->changed[i];
+        const struct umb__laid *laid = p->pages[page].laid;
+        p->broken = laid && !laid->written && !umb__wide_write_page(p, page);
+    }
+    p->broken = p->broken || !umb__wide_write_marked(p);
+    return !p->broken;
+}
+
 static enum umb_status try_build(struct umb_partial *p, struct umb_error *error)
 {
-    umb__partial_unbuild(p);
-    UMB__TRY(build_graph(p, error));
-    uint64_t(*bricks)[8] = p->graph.bricks;
-    p->graph.bricks = NULL;
-    UMB__TRY(lay_out(p, UMB__NODE_SHADOWED, bricks, &p->lower.mapped, error));
-    UMB__TRY(lay_out(p, UMB__NODE_LIT, NULL, &p->upper.mapped, error));
-    p->upper.mapped.view.bricks = p->lower.mapped.view.bricks;
-    init_view(p, &p->lower);
-    init_view(p, &p->upper);
+    if (!p->tops) {
+        UMB__TRY(umb__tops_make(p, error));
+    }
+    UMB__TRY(change_pages(p, error));
+    if (!write_nodes(p)) {
+        return umb_fail(error, UMB_E_NO_MEMORY,
+                        "partial asset: the links of the pages at hand do not fit the memory "
+                        "budget");
+    }
+    if (p->tops_stale) {
+        umb__tops_fill(p);
+    }
+    for (uint32_t i = 0; i < p->changed_count; i++) {
+        p->pages[p->changed[i]].changed = false;
+    }
+    p->changed_count = 0;
+    set_view(p, 0, &p->lower);
+    set_view(p, 1, &p->upper);
     p->built = true;
     p->builds++;
     return UMB_OK;
 }
 
-/* Drops the pages of the least benefit, about an eighth of the bytes. */
-static void shed(struct umb_partial *p)
+/* Drops pages of the least benefit: at least one, and about so many stored bytes. */
+static void shed(struct umb_partial *p, uint64_t bytes)
 {
-    const uint64_t goal = p->held_bytes - p->held_bytes / 8;
+    const uint64_t goal = p->held_bytes - bytes;
     do {
         umb_partial_drop(p, umb__partial_worst(p));
         p->dropped++;
@@ -327,10 +148,13 @@ static void shed(struct umb_partial *p)
 enum umb_status umb_partial_build(struct umb_partial *p, struct umb_error *error)
 {
     enum umb_status status = try_build(p, error);
-    while (status == UMB_E_NO_MEMORY &&
-           p->held_count > 0) { /* Ends, since each round drops a page */
-        umb__partial_unbuild(p);
-        shed(p);
+    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* Ends: each round drops a page */
+        if (p->broken) {
+            umb__partial_unbuild(p);
+            shed(p, p->held_bytes / 8);
+        } else if (!umb__partial_free_raw(p)) {
+            shed(p, 1);
+        }
         status = try_build(p, error);
     }
     if (status != UMB_OK) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Queries the lower and the upper asset. Where their answers differ, the graph gives the bound of
- * the error. */
+/* Queries the lower and the upper asset. Where their answers differ, the pages' nodes give the bound
+ * of the error. */
 #include <math.h>
 #include <string.h>
 
@@ -29,7 +29,7 @@ static uint32_t clamp_voxel(double v, double size)
     return v >= size ? (uint32_t)size - 1 : v > 0 ? (uint32_t)v : 0; /* NaN: 0 */
 }
 
-/* Looks up the window of point i in the graph. Out: error_m: as error_m of struct
+/* Looks up the window of point i in the pages. Out: error_m: as error_m of struct
  * umb_partial_answers. */
 static struct umb__lack explain(const struct bracket *b, size_t i, double *error_m)
 {
@@ -78,14 +78,68 @@ static void settle(const struct bracket *b, size_t i, float low, float high)
     a->worst_error_m = error_m > a->worst_error_m ? error_m : a->worst_error_m;
 }
 
+/* Some points of a chunk, one after the other. */
+struct chosen {
+    uint32_t count;
+    uint16_t index[CHUNK]; /* Position of each in the chunk */
+    double positions[3 * CHUNK]; /* In the format of the chunk */
+    float normals[3 * CHUNK], footprints[CHUNK];
+};
+
+/* Chooses the points whose answer is less than 1: where the lower asset is all lit, the upper one is
+ * too. */
+static void choose(const struct umb_points *points, const float *low, struct chosen *chosen)
+{
+    const size_t position = 3 * (points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
+    uint8_t *to = (uint8_t *)chosen->positions;
+    uint32_t count = 0;
+    for (size_t i = 0; i < points->count; i++) {
+        if (low[i] >= 1) {
+            continue;
+        }
+        chosen->index[count] = (uint16_t)i;
+        memcpy(to + count * position, (const uint8_t *)points->positions + i * position, position);
+        if (points->normals) {
+            memcpy(chosen->normals + 3 * (size_t)count, (const uint8_t *)points->normals + 12 * i,
+                   12);
+        }
+        if (points->footprints) {
+            memcpy(chosen->footprints + count, (const uint8_t *)points->footprints + 4 * i, 4);
+        }
+        count++;
+    }
+    chosen->count = count;
+}
+
+/* Answers the points of a chunk from the upper asset. In: low: answers of the lower one. */
+static void run_upper(const struct bracket *b, const struct umb_points *points, const float *low,
+                      float *high)
+{
+    struct chosen chosen;
+    float values[CHUNK];
+    choose(points, low, &chosen);
+    struct umb_answers above = {.values = chosen.count < points->count ? values : high};
+    struct umb_points some = *points;
+    if (chosen.count < points->count) {
+        some.positions = chosen.positions;
+        some.normals = points->normals ? chosen.normals : NULL;
+        some.footprints = points->footprints ? chosen.footprints : NULL;
+        some.count = chosen.count;
+        memcpy(high, low, points->count * sizeof *high);
+    }
+    umb_query_run(&b->upper, &some, 0, some.count, &above);
+    for (uint32_t i = 0; i < chosen.count && above.values == values; i++) {
+        high[chosen.index[i]] = values[i];
+    }
+}
+
 static void run_chunk(const struct bracket *b, size_t first, size_t count)
 {
     float low[CHUNK], high[CHUNK];
     const struct umb_points points = umb__some_points(b->points, first, count);
     struct umb_answers below = {.values = low, .stats = b->answers->stats};
-    struct umb_answers above = {.values = high};
     umb_query_run(&b->lower, &points, 0, count, &below);
-    umb_query_run(&b->upper, &points, 0, count, &above);
+    run_upper(b, &points, low, high);
     b->answers->stats = below.stats;
     for (size_t i = 0; i < count; i++) {
         settle(b, first + i, low[i], high[i]);

@@ -21,11 +21,18 @@
 #include "partial/partial_parts.h"
 #include "partial/partial_space.h"
 
-/* A cube of voxels, and the node of the graph or the missing page that has it. */
+/* A cube of voxels, and the place of its node or brick. */
 struct cube {
     uint32_t level, x, y, z; /* Level, and first voxel */
-    uint32_t child;          /* Node of the graph, brick, or UMB__ABSENT | page */
+    struct umb__node_place place;
 };
+
+/* Returns the nodes of a page in the last build; NULL: the page is missing there. */
+static const struct umb__expanded *nodes_of(const struct umb_partial *p, uint32_t page)
+{
+    const struct umb__laid *laid = p->pages[page].laid;
+    return laid ? laid->nodes : NULL;
+}
 
 struct walk {
     struct umb_partial *p;
@@ -43,56 +50,63 @@ enum {
 /* Benefit of everything below a root that the walk does not reach; any positive value would do. */
 #define ROOT_BENEFIT 1.0
 
-static void add_benefit(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
-{
-    const uint32_t page =
-        child & UMB__ABSENT ? child & ~UMB__ABSENT : umb__partial_page_of(p, level, child);
-    p->pages[page].benefit += benefit;
-}
-
-static struct cube part_of(const struct cube *cube, unsigned c, uint32_t child)
+static struct cube part_of(const struct cube *cube, unsigned c, struct umb__node_place place)
 {
     const uint32_t half = 1U << (cube->level - 1);
     return (struct cube){cube->level - 1, cube->x + (c & 1 ? half : 0),
-                         cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), child};
+                         cube->y + (c & 2 ? half : 0), cube->z + (c & 4 ? half : 0), place};
 }
 
 /* Marks a node so that everything below it is wanted, unless it is already marked with this benefit
  * or a greater one. The benefit of a marked node is negated in `seen`. */
-static void mark(struct umb_partial *p, uint32_t level, uint32_t node, double benefit)
+static void mark(float *seen, double benefit)
 {
-    float *seen = &p->seen[level][node];
     if (!(benefit <= fabs((double)*seen))) {
         *seen = -(float)fmax(fmin(benefit, FLT_MAX), FLT_MIN);
     }
 }
 
-/* Wants a child and all below it without a visit. */
-static void want_all(struct umb_partial *p, uint32_t level, uint32_t child, double benefit)
+/* Wants a node or brick and all below it without a visit. */
+static void want_all(struct umb_partial *p, uint32_t level, struct umb__node_place place,
+                     double benefit)
 {
-    if ((child & UMB__ABSENT) || level == UMB_LEVEL_BRICK) {
-        add_benefit(p, level, child, benefit);
+    const struct umb__expanded *nodes = nodes_of(p, place.page);
+    if (!nodes || level == UMB_LEVEL_BRICK) {
+        p->pages[place.page].benefit += benefit;
     } else {
-        mark(p, level, child, benefit);
+        mark(&nodes->seen[level][place.position], benefit);
     }
 }
 
-/* Gives a benefit to everything below the marked nodes, each node once, from the top down. A child
- * has half the edge of its parent, so a quarter of its parent's benefit. */
+/* Wants the marked nodes of one page and level. A child has half the edge of its parent, so a
+ * quarter of its parent's benefit. */
+static void want_marked_of(struct umb_partial *p, uint32_t page, const struct umb__expanded *nodes,
+                           uint32_t l)
+{
+    const struct umb__expanded_level *level = &nodes->level[l];
+    for (uint32_t node = 0; node < level->count; node++) {
+        float *seen = &nodes->seen[l][node];
+        if (!(*seen < 0)) {
+            continue;
+        }
+        *seen = -*seen;
+        p->want_steps++;
+        p->pages[page].benefit += (double)*seen;
+        for (uint32_t at = level->first[node]; at < level->first[node + 1]; at++) {
+            want_all(p, l - 1, umb__expanded_child(nodes, page, l, level->children[at]),
+                     (double)*seen / 4);
+        }
+    }
+}
+
+/* Gives a benefit to everything below the marked nodes, each node once, from the top down. */
 static void want_marked(struct umb_partial *p)
 {
     for (uint32_t l = UMB_LEVEL_MAX; l > UMB_LEVEL_BRICK; l--) {
-        const struct umb__octree_level *level = &p->graph.level[l];
-        for (uint32_t node = 0; node < level->count; node++) {
-            float *seen = &p->seen[l][node];
-            if (!(*seen < 0)) {
-                continue;
-            }
-            *seen = -*seen;
-            p->want_steps++;
-            add_benefit(p, l, node, (double)*seen);
-            for (uint32_t at = level->first[node]; at < level->first[node + 1]; at++) {
-                want_all(p, l - 1, level->children[at], (double)*seen / 4);
+        for (uint32_t page = 0; page < p->head.page_count; page++) {
+            const struct umb__expanded *nodes = nodes_of(p, page);
+            if (nodes) {
+                want_marked_of(p, page, nodes, l);
             }
         }
     }
@@ -104,7 +118,7 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {
     struct umb_partial *p = w->p;
     if (w->steps == 0) {
-        want_all(p, cube->level, cube->child, above / 4);
+        want_all(p, cube->level, cube->place, above / 4);
         return;
     }
     w->steps--;
@@ -115,39 +129,32 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
         seen.edge_m <= view->max_error_rad * seen.distance_m) {
         return;
     }
-    const bool absent = (cube->child & UMB__ABSENT) != 0;
-    if (!absent && cube->level > UMB_LEVEL_BRICK && seen.whole) {
+    const struct umb__expanded *nodes = nodes_of(p, cube->place.page);
+    if (nodes && cube->level > UMB_LEVEL_BRICK && seen.whole) {
         /* An earlier walk from another cube of this node found everything below the node. With
          * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
          * more than four times as great is worth a second walk. */
-        float *best = &p->seen[cube->level][cube->child];
+        float *best = &nodes->seen[cube->level][cube->place.position];
         const double room = view->max_error_rad > 0 ? 1.0 : 4.0;
         if (seen.benefit <= (double)*best * room) {
             return;
         }
         *best = nextafterf((float)seen.benefit, 0.0F);
     }
-    add_benefit(p, cube->level, cube->child, seen.benefit);
-    if (absent || cube->level == UMB_LEVEL_BRICK) {
+    p->pages[cube->place.page].benefit += seen.benefit;
+    if (!nodes || cube->level == UMB_LEVEL_BRICK) {
         return;
     }
-    const struct umb__octree_level *level = &p->graph.level[cube->level];
-    const uint32_t *child = level->children + level->first[cube->child];
+    const struct umb__expanded_level *level = &nodes->level[cube->level];
+    const uint16_t mask = level->masks[cube->place.position];
+    const uint32_t *child = level->children + level->first[cube->place.position];
     for (unsigned c = 0; c < 8; c++) {
-        if (umb__mask_state(level->masks[cube->child], c) == UMB__NODE_MIXED) {
-            const struct cube part = part_of(cube, c, *child++);
+        if (umb__mask_state(mask, c) == UMB__NODE_MIXED) {
+            const struct cube part = part_of(
+                cube, c, umb__expanded_child(nodes, cube->place.page, cube->level, *child++));
             walk_cube(w, &part, seen.benefit);
         }
     }
-}
-
-uint64_t umb__partial_nodes(const struct umb_partial *p)
-{
-    uint64_t nodes = p->graph.brick_count;
-    for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
-        nodes += p->graph.level[level].count;
-    }
-    return nodes;
 }
 
 static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
@@ -155,13 +162,14 @@ static void walk_roots(struct umb_partial *p, const struct umb__sight *sight)
     const struct umb__content *content = &p->canonical.content;
     const uint32_t light = sight->view->light;
     struct umb__space space;
-    const uint64_t limit = STEPS_MIN + STEPS_A_NODE * umb__partial_nodes(p);
+    const uint64_t limit = STEPS_MIN + STEPS_A_NODE * p->node_count;
     struct walk w = {.p = p, .sight = sight, .space = &space, .steps = limit};
-    for (uint32_t i = 0; i < p->graph.root_count; i++) {
-        const struct umb__octree_root *root = &p->graph.roots[i];
+    for (uint32_t i = 0; i < content->frustum_count; i++) {
+        const struct umb__packed_root *root = &p->canonical.roots[i];
         if (root->state == UMB__NODE_MIXED &&
             (light == UINT32_MAX || content->frusta[i].light == light)) {
-            const struct cube cube = {root->level, 0, 0, 0, root->index};
+            const struct cube cube = {
+                content->frusta[i].log2_size, 0, 0, 0, {root->page, root->position}};
             umb__space_init(&space, content, i, sight->view);
             walk_cube(&w, &cube, ROOT_BENEFIT);
         }
@@ -176,6 +184,20 @@ static void forget(struct umb_partial *p)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {
         p->pages[page].benefit = 0;
+    }
+}
+
+/* Forgets the cubes that earlier walks saw. */
+static void forget_cubes(const struct umb_partial *p)
+{
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
+        const struct umb__expanded *nodes = nodes_of(p, page);
+        for (size_t l = UMB_LEVEL_BRICK + 1; nodes && l <= UMB_LEVEL_MAX; l++) {
+            const size_t count = nodes->level[l].count;
+            if (count > 0) {
+                memset(nodes->seen[l], 0, count * sizeof *nodes->seen[l]);
+            }
+        }
     }
 }
 
@@ -202,9 +224,7 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
                         content->light_count);
     }
     UMB__TRY(umb__sight_init(&sight, view, error));
-    for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {
-        memset(p->seen[level], 0, p->graph.level[level].count * sizeof(float));
-    }
+    forget_cubes(p);
     walk_roots(p, &sight);
     return UMB_OK;
 }
@@ -289,25 +309,27 @@ static void look_cube(struct look *l, const struct cube *cube, double above)
             return;
         }
     }
-    if (cube->child & UMB__ABSENT) {
+    const struct umb__expanded *nodes = nodes_of(l->p, cube->place.page);
+    if (!nodes) {
         if (cube->level > l->lack.level) {
             l->lack = (struct umb__lack){cube->level, above};
         }
         if (l->want) { /* Without `want`, other threads may read the graph at the same time */
             l->p->heap_fresh = false;
-            l->p->pages[cube->child & ~UMB__ABSENT].benefit += 1;
+            l->p->pages[cube->place.page].benefit += 1;
         }
         return;
     }
     if (cube->level == UMB_LEVEL_BRICK) {
         return;
     }
-    const struct umb__octree_level *level = &l->p->graph.level[cube->level];
-    const uint16_t mask = level->masks[cube->child];
-    const uint32_t *child = level->children + level->first[cube->child];
+    const struct umb__expanded_level *level = &nodes->level[cube->level];
+    const uint16_t mask = level->masks[cube->place.position];
+    const uint32_t *child = level->children + level->first[cube->place.position];
     for (unsigned c = 0; c < 8; c++) {
         if (umb__mask_state(mask, c) == UMB__NODE_MIXED) {
-            const struct cube part = part_of(cube, c, *child++);
+            const struct cube part = part_of(
+                cube, c, umb__expanded_child(nodes, cube->place.page, cube->level, *child++));
             look_cube(l, &part, occupancy_of(mask));
         }
     }
@@ -317,9 +339,10 @@ struct umb__lack umb__partial_look(struct umb_partial *p, uint32_t frustum, cons
                                    const uint32_t high[3], bool want)
 {
     struct look l = {.p = p, .low = low, .high = high, .want = want};
-    const struct umb__octree_root *root = &p->graph.roots[frustum];
+    const struct umb__packed_root *root = &p->canonical.roots[frustum];
     if (root->state == UMB__NODE_MIXED) {
-        const struct cube cube = {root->level, 0, 0, 0, root->index};
+        const uint32_t level = p->canonical.content.frusta[frustum].log2_size;
+        const struct cube cube = {level, 0, 0, 0, {root->page, root->position}};
         look_cube(&l, &cube, 0.5);
     }
     return l.lack;

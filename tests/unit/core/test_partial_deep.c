@@ -41,7 +41,7 @@ static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_p
         if (umb_partial_want(f->partial, view, 0, &error) != UMB_OK) {
             fail_msg("want: %s", error.message);
         }
-        const uint64_t nodes = umb__partial_nodes(f->partial), most = 1024 + 65 * nodes;
+        const uint64_t nodes = f->partial->node_count, most = 1024 + 65 * nodes;
         if (f->partial->want_steps > most) {
             fail_msg("%llu steps of %llu nodes, at most %llu",
                      (unsigned long long)f->partial->want_steps, (unsigned long long)nodes,

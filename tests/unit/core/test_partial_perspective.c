@@ -1,65 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Partial assets of a spot light, whose cubes grow with their distance: what bounds say of them. */
 #include "partial_fixture.h"
+#include "spot_asset.h"
 
 enum {
-    LOG2 = 9,
-    SIZE = 1 << LOG2,
     POINTS = 20000,
 };
-
-static const double eye[3] = {84620, 447400, 12};
-static const double near_w = 1, far_w = 33, tangent = 0.7;
-
-static int noisy(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
-{
-    (void)user;
-    (void)frustum;
-    return z < 30 || (fixture_hash(x / 4, y / 4, z / 4) & 3) != 0;
-}
-
-/* A spot at `eye` that shines along +z. */
-static struct bytes spot_file(void)
-{
-    const struct voxels voxels = {noisy, NULL, LOG2, 1};
-    const double across = 0.5 * SIZE / tangent, along = SIZE / (far_w - near_w);
-    struct bytes file = {0};
-    struct umb_sink sink = bytes_sink(&file);
-    struct umb__octree octree;
-    struct umb__content content;
-    struct umb_error error = {0};
-    uint8_t id[UMB_ID_BYTES];
-    make_octree(&voxels, &octree);
-    make_content(&voxels, 1, fixture_origin, &content);
-    content.lights[0].kind = UMB_LIGHT_SPOT;
-    memcpy(content.lights[0].position, eye, sizeof eye);
-    double(*m)[4] = content.frusta[0].world_to_voxel;
-    memset(m, 0, sizeof content.frusta[0].world_to_voxel);
-    for (unsigned i = 0; i < 2; i++) {
-        m[i][i] = across;
-        m[i][2] = 0.5 * SIZE;
-    }
-    m[2][2] = along;
-    m[3][2] = 1;
-    for (unsigned i = 0; i < 4; i++) {
-        m[i][3] = i == 2 ? -near_w * along : 0;
-        for (unsigned k = 0; k < 3; k++) {
-            m[i][3] -= m[i][k] * (eye[k] - fixture_origin[k]);
-        }
-    }
-    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
-        fail_msg("%s", error.message);
-    }
-    umb__octree_finish(&octree);
-    return file;
-}
 
 /* The longest edge of the cube of a level at depth z, from the frustum's shape alone. */
 static double edge_of(uint32_t level, double z)
 {
     const double count = (double)(1U << level), end = (floor(z / count) + 1) * count;
-    const double w = near_w + (far_w - near_w) * end / SIZE;
-    return count * fmax(2 * tangent * w / SIZE, (far_w - near_w) / SIZE);
+    const double w = spot_near_w + (spot_far_w - spot_near_w) * end / SPOT_SIZE;
+    return count * fmax(2 * spot_tangent * w / SPOT_SIZE, (spot_far_w - spot_near_w) / SPOT_SIZE);
 }
 
 static double points[3 * POINTS], depths[POINTS];
@@ -69,12 +22,12 @@ static void make_points(void)
 {
     uint64_t seed = 41;
     for (size_t i = 0; i < POINTS; i++) {
-        const double w = near_w + (far_w - near_w) * 0.99 * random_unit(&seed);
-        depths[i] = (w - near_w) / (far_w - near_w) * SIZE;
-        points[3 * i + 2] = eye[2] + w - fixture_origin[2];
+        const double w = spot_near_w + (spot_far_w - spot_near_w) * 0.99 * random_unit(&seed);
+        depths[i] = (w - spot_near_w) / (spot_far_w - spot_near_w) * SPOT_SIZE;
+        points[3 * i + 2] = spot_eye[2] + w - fixture_origin[2];
         for (unsigned k = 0; k < 2; k++) {
-            const double u = (2 * random_unit(&seed) - 1) * 0.98 * tangent * w;
-            points[3 * i + k] = eye[k] + u - fixture_origin[k];
+            const double u = (2 * random_unit(&seed) - 1) * 0.98 * spot_tangent * w;
+            points[3 * i + k] = spot_eye[k] + u - fixture_origin[k];
         }
     }
 }
@@ -98,7 +51,7 @@ static size_t check_bounds(struct umb_partial *partial)
     for (size_t i = 0; i < POINTS; i++) {
         bool found = low[i] >= high[i];
         assert_true(low[i] <= truth[i] && truth[i] <= high[i]);
-        for (uint32_t level = 3; level <= LOG2 && !found; level++) {
+        for (uint32_t level = 3; level <= SPOT_LOG2 && !found; level++) {
             found =
                 fabs((double)error_m[i] - edge_of(level, depths[i])) < 1e-5 * (double)error_m[i];
         }
