@@ -9,8 +9,7 @@
  * two rules, which changes more steadily than either. These two use no function of libm, because
  * ids depend on them.
  *
- * Packed bytes add the bytes of the file for each byte of nodes, and how much copies of nodes would
- * add, which decides whether the file has copies (format/content.h).
+ * Packed bytes add the bytes of the file for each byte of nodes, which follow their own trend.
  */
 #include "bake/small_bake.h"
 

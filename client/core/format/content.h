@@ -103,23 +103,13 @@ struct umb__pack_job {
     /* Called every few pages, on any of the threads; nonzero ends the call with E_CANCELLED. May be
      * NULL. */
     int (*cancelled)(void);
-    bool never_copies; /* True: no node is copied to several pages. Such a file is not canonical: it
-                          is measured, never published */
     struct umb__pack_figures *figures; /* Result; NULL: not wanted */
 };
 
 /* Figures about the pages of a packed file. */
 struct umb__pack_figures {
-    /* Estimated bytes of the lowest band with copies, over those without. At least 1; the file has
-     * copies up to UMB__COPIES_MAX. Beyond that the number may be too small. */
-    double copies;
+    double copies; /* Estimated bytes of all pages, over those of the nodes, each once. At least 1 */
 };
-
-/* Largest bytes of the lowest band with copies, in fifths of the bytes of the band's nodes without
- * copies. At this limit the file is about a quarter larger (docs/results/paging.md), since copies
- * save references, which take many bytes. */
-#define UMB__COPIES_MAX_FIFTHS 12U
-#define UMB__COPIES_MAX        ((double)UMB__COPIES_MAX_FIFTHS / 5.0)
 
 /* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the
  * same for any number of helpers. */

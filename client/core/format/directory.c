@@ -39,6 +39,7 @@ const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block, uin
     const uint64_t offset = umb__block_offset(head, block);
     *size = umb__block_bytes(head, block);
     if (head->blocks) {
+        *size = head->blocks[block] ? *size : 0;
         return head->blocks[block];
     }
     *size = *size <= head->file_length && offset <= head->file_length - *size ? *size : 0;
