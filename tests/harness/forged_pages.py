@@ -9,7 +9,7 @@ The id and all SHA-256s are those of the true asset: only the page's SHA-256 det
 import ctypes
 import struct
 
-PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 64, 40, 128
+PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 32, 48, 128
 
 xxhash, zstd = ctypes.CDLL("libxxhash.so.0"), ctypes.CDLL("libzstd.so.1")
 xxhash.XXH3_64bits.restype = ctypes.c_uint64
@@ -69,9 +69,21 @@ def turn_child(raw):
     return False
 
 
-def entry_at(data, page):
+def table_at(data, block):
+    """The place of a block's entry in the head."""
+    return HEAD + struct.unpack_from("<Q", data, 32)[0] + BLOCK_ENTRY * block
+
+
+def block_at(data, block):
+    """The place and length of a block."""
     head, blocks = struct.unpack_from("<Q", data, 24)[0], struct.unpack_from("<Q", data, 88)[0]
-    return head + PAGE_ENTRY * page if page < BLOCK_PAGES else blocks + PAGE_ENTRY * (page - BLOCK_PAGES)
+    ends = [struct.unpack_from("<Q", data, table_at(data, b) + 8)[0] for b in range(block + 1)]
+    begin = ends[block - 1] if block > 0 else 0
+    return (blocks + begin - ends[0] if block > 0 else head), ends[block] - begin
+
+
+def entry_at(data, page):
+    return block_at(data, page // BLOCK_PAGES)[0] + PAGE_ENTRY * (page % BLOCK_PAGES)
 
 
 def page_count(data):
@@ -80,11 +92,9 @@ def page_count(data):
 
 def seal(data):
     """The XXH3 of each block, then the head's."""
-    pages, table = page_count(data), HEAD + struct.unpack_from("<Q", data, 32)[0]
-    for first in range(0, pages, BLOCK_PAGES):
-        at = entry_at(data, first)
-        block = data[at:at + PAGE_ENTRY * min(BLOCK_PAGES, pages - first)]
-        struct.pack_into("<Q", data, table + BLOCK_ENTRY * (first // BLOCK_PAGES), check(block))
+    for block in range((page_count(data) + BLOCK_PAGES - 1) // BLOCK_PAGES):
+        at, length = block_at(data, block)
+        struct.pack_into("<Q", data, table_at(data, block), check(data[at:at + length]))
     head = struct.unpack_from("<Q", data, 24)[0]
     both = struct.pack("<QQ", check(data[:120]), check(data[HEAD:head]))
     struct.pack_into("<Q", data, 120, check(both))

@@ -199,7 +199,12 @@ enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_
     facts->file_bytes = head.file_length;
     facts->open_bytes = head.head_length;
     if (head.encoding == UMB_ENCODING_PACKED) {
-        facts->open_bytes += head.first_block;
+        const uint32_t first = umb__load32(bytes + UMB__HEAD_FIRST_BLOCK);
+        facts->open_bytes += first;
+        if (first > UMB__BLOCK_BYTES_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "directory: block 0 takes %u bytes, at most %u",
+                            first, UMB__BLOCK_BYTES_MAX);
+        }
     }
     return UMB_OK;
 }
