@@ -39,7 +39,7 @@ static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, bool alone)
                                       .octree = &octree,
                                       .sha256 = &test_digest,
                                       .sink = &sink,
-                                      .never_copies = !alone};
+                                      };
     if (umb__pack_run(&job, id, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
