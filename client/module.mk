@@ -17,7 +17,7 @@ $(patsubst %,$(BUILD)/client/core/query/kernel_squares_%.o,base avx2 avx512): CF
 endif
 # Queries keep points, windows and answers in arrays on the stack, which they fill themselves: set to
 # zero first, they cost 3 to 13 % of the instructions.
-$(BUILD)/client/core/query/%.o: CFLAGS_ALL += $(if $(filter -ftrivial%,$(HARDEN_CFLAGS)),-ftrivial-auto-var-init=uninitialized)
+$(BUILD)/client/core/query/%.o $(BUILD)/client/core/partial/partial_query.o: CFLAGS_ALL += $(if $(filter -ftrivial%,$(HARDEN_CFLAGS)),-ftrivial-auto-var-init=uninitialized)
 # A window's walk enters a function a square, whose two words on the stack the stack protector would
 # check each time: 4 % of a penumbra query. It indexes no array by anything that comes from a file.
 $(BUILD)/client/core/query/slice_count.o: CFLAGS_ALL += $(if $(HARDEN_CFLAGS),-fno-stack-protector)

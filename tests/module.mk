@@ -70,7 +70,7 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
+SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
 system: python $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
@@ -89,6 +89,10 @@ volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, col
 		$(BUILD)/umbrage-bake $$file.ply -o $$file.umb --closed on --effect front=on --sun 140,38 --resolution 4096 --quiet --verify 0 && \
 		for what in segments columns boxes; do echo "$$scene: $$what against rays" && \
 			$(BUILD)/umbrage verify $$file.umb --scene $$file.ply --ask $$what || exit 1; done || exit 1; done
+
+# Pages of partial assets that come and go: 10000 random steps on each of eight assets.
+partial-changes: $(BUILD)/tests/unit/core/test_partial_changes ## partial assets against a layout made anew: 10000 steps on eight assets
+	@UMBRAGE_CASES=10000 timeout 7200 $<
 
 # Every hard case against long double or exact references, 10^6 random cases or more of each; rays
 # through edges and corners 10^8.
@@ -256,7 +260,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

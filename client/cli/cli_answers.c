@@ -283,6 +283,11 @@ static void end_json(struct umbc_answers *answers, const struct umbc_query_total
     }
     umbu_json_number(json, "ns_per_point", umbc_query_ns(total));
     umbu_json_integer(json, "points", total->points);
+    if (total->is_partial) {
+        UMBU_JSON_COUNTS(json, {"pages_held", total->pages_held}, {"page_count", total->page_count},
+                         {"exact", total->exact});
+        umbu_json_number(json, "worst_error_m", total->worst_error_m);
+    }
     umbu_json_begin(json, "stats", '{');
     UMBU_JSON_COUNTS(json, {"outside", stats->outside}, {"before", stats->before},
                      {"behind", stats->behind}, {"facing_away", stats->facing_away},

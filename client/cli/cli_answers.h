@@ -23,6 +23,11 @@ struct umbc_query_total {
     double bound_m;           /* bound of the first light's answers; 0: not known */
     struct umb_curve_row row; /* row of the accuracy curve for these settings, or zero */
     double expected_ns;       /* nanoseconds a point by calibration for a budget; else 0 */
+    /* Of a partial file. */
+    bool is_partial;
+    uint32_t pages_held, page_count;
+    uint64_t exact;       /* number of answers whose two bounds are equal */
+    double worst_error_m; /* widest edge of a missing cube that an answer depends on */
 };
 
 /* CPU time in nanoseconds of one point and light; 0 without points. */
@@ -44,7 +49,8 @@ UMB_CHECKED enum umb_status umbc_answers_begin(const struct umbc_query_options *
  * Writes the answers of `count` points.
  *
  * The answers of several lights for one point stand side by side: on a line, in a JSON array, or
- * one after the other in raw bytes (not as bits).
+ * one after the other in raw bytes (not as bits). A partial file gives three numbers a light: the
+ * answer, its lower bound and its upper bound.
  *
  * In:  values: [light_count] arrays of `count` values in the encoding's format, float for text.
  * Returns false if a write failed.

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* umbrage info: describes an asset of a file or a daemon, as text or as JSON. */
 #include "cli/shared/cli_common.h"
+#include "cli_partial.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -9,8 +10,15 @@
 #include "tool/json.h"
 #include "umbrage/curve.h"
 
+struct options {
+    struct umbc_settings settings; /* First: rows of other tables are about its fields */
+    bool pages;
+};
+
 static const struct umbu_option OPTIONS[] = {
     {UMBC_TARGET_ROW(struct umbc_settings, "FILE|ASSET", "asset file, or asset of the daemon")},
+    {"pages", NULL, "list the pages of a packed or partial file: hash, levels, bytes", UMBU_FLAG,
+     UMBU_AT(struct options, pages)},
     {UMBU_JSON_ROW(struct umbc_settings)},
     {UMBU_QUIET_ROW(struct umbc_settings, "print only the id")},
 };
@@ -19,7 +27,8 @@ static const struct umbu_command COMMAND = {
     .name = "umbrage info",
     .usage = "umbrage info FILE|ASSET [options]",
     .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
-               ".umb or .umbm is a file; anything else is an asset of the daemon.",
+               ".umb or .umbm is a file; anything else is an asset of the daemon. A file may be\n"
+               "a partial file of `umbrage stream -o`.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
@@ -190,7 +199,22 @@ static void print_file_sizes(const struct umb_asset_info *info)
     print_bytes("2014 encoding", info->bytes_2014, "", true);
 }
 
-static void print_file(const struct umb_asset *asset, const struct umb_asset_info *info)
+/* Prints how much of its asset a partial file has. */
+static void print_held(const struct umb_partial_stats *stats)
+{
+    (void)printf("pages          %" PRIu32 " of %" PRIu32 "%s\n", stats->pages_held,
+                 stats->page_count, stats->pages_held == stats->page_count ? ": complete" : "");
+    print_bytes("pages' bytes", stats->held_bytes, "", true);
+}
+
+static void json_held(struct umbu_json *json, const struct umb_partial_stats *stats)
+{
+    UMBU_JSON_COUNTS(json, {"page_count", stats->page_count}, {"pages_held", stats->pages_held},
+                     {"held_bytes", stats->held_bytes});
+}
+
+static void print_file(const struct umb_asset *asset, const struct umb_asset_info *info,
+                       const struct umb_partial_stats *held)
 {
     char id[UMB_ID_TEXT_SIZE];
     char scene[UMB_ID_TEXT_SIZE];
@@ -198,6 +222,9 @@ static void print_file(const struct umb_asset *asset, const struct umb_asset_inf
     umb_id_to_text(info->scene_hash, scene);
     (void)printf("asset          %s\nscene          %s\n", id, scene);
     print_file_sizes(info);
+    if (held) {
+        print_held(held);
+    }
     print_place(info->origin, &info->bounds);
     for (uint32_t i = 0; i < info->light_count; i++) {
         struct umb_light_info light;
@@ -259,12 +286,16 @@ static void json_sizes(struct umbu_json *json, const struct umb_asset_info *info
     umbu_json_end(json, ']');
 }
 
-static void print_file_json(const struct umb_asset *asset, const struct umb_asset_info *info)
+static void print_file_json(const struct umb_asset *asset, const struct umb_asset_info *info,
+                            const struct umb_partial_stats *held)
 {
     struct umbu_json json = umbu_json_open(stdout);
     umbc_json_id(&json, "asset", info->id);
     umbc_json_id(&json, "scene", info->scene_hash);
     json_sizes(&json, info);
+    if (held) {
+        json_held(&json, held);
+    }
     umbu_json_vector(&json, "origin", info->origin);
     json_box(&json, &info->bounds);
     umbu_json_begin(&json, "lights", '[');
@@ -288,25 +319,112 @@ static void print_file_json(const struct umb_asset *asset, const struct umb_asse
     umbu_json_close(&json);
 }
 
+static void print_id(const uint8_t id[UMB_ID_BYTES])
+{
+    char text[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(id, text);
+    (void)puts(text);
+}
+
+/* In: held: pages of a partial file; NULL: a whole file. */
+static void print_asset(const struct umb_asset *asset, const struct umb_partial_stats *held,
+                        const struct umbc_settings *settings)
+{
+    struct umb_asset_info info;
+    umb_asset_get_info(asset, &info);
+    if (settings->json) {
+        print_file_json(asset, &info, held);
+    } else if (settings->quiet) {
+        print_id(info.id);
+    } else {
+        print_file(asset, &info, held);
+    }
+}
+
 static int info_file(const char *path, const struct umbc_settings *settings)
 {
     struct umb_error error = {.status = UMB_OK};
     struct umb_asset *asset;
-    struct umb_asset_info info;
     if (umb_asset_open_file(path, NULL, &asset, &error) != UMB_OK) {
         return umbc_complain_file(path, &error);
     }
-    umb_asset_get_info(asset, &info);
-    if (settings->json) {
-        print_file_json(asset, &info);
-    } else if (settings->quiet) {
-        char id[UMB_ID_TEXT_SIZE];
-        umb_id_to_text(info.id, id);
-        (void)puts(id);
-    } else {
-        print_file(asset, &info);
-    }
+    print_asset(asset, NULL, settings);
     umb_asset_close(asset);
+    return umbc_finish_stdout(0);
+}
+
+/* --- pages --- */
+
+static void print_page(uint32_t number, const struct umb_partial_page *page)
+{
+    char hash[UMB_ID_TEXT_SIZE];
+    umb_id_to_text(page->hash, hash);
+    (void)printf("%8" PRIu32 "  %s  %2" PRIu32 " to %2" PRIu32 " %8" PRIu32 " %8" PRIu32
+                 " %8" PRIu32 " %12" PRIu64 "  %s\n",
+                 number, hash, page->level_high, page->level_low, page->node_count,
+                 page->stored_bytes, page->raw_bytes, page->offset, page->held ? "held" : "");
+}
+
+static void json_page(struct umbu_json *json, uint32_t number, const struct umb_partial_page *page)
+{
+    umbu_json_begin(json, NULL, '{');
+    umbu_json_integer(json, "page", number);
+    umbc_json_id(json, "hash", page->hash);
+    UMBU_JSON_COUNTS(json, {"level_high", page->level_high}, {"level_low", page->level_low},
+                     {"nodes", page->node_count}, {"stored_bytes", page->stored_bytes},
+                     {"raw_bytes", page->raw_bytes}, {"offset", page->offset});
+    umbu_json_bool(json, "held", page->held != 0);
+    umbu_json_end(json, '}');
+}
+
+/* Lists the pages whose entries the file has. */
+static void print_pages(const struct umb_partial *partial, bool as_json)
+{
+    struct umb_partial_stats stats;
+    struct umbu_json json = {0};
+    umb_partial_get_stats(partial, &stats);
+    if (as_json) {
+        json = umbu_json_open(stdout);
+        json_held(&json, &stats);
+        umbu_json_begin(&json, "pages", '[');
+    } else {
+        print_held(&stats);
+        (void)printf("%8s  %-64s  %8s %8s %8s %8s %12s\n", "page", "hash", "levels", "nodes",
+                     "stored", "raw", "offset");
+    }
+    for (uint32_t number = 0; number < stats.page_count; number++) {
+        struct umb_partial_page page;
+        if (umb_partial_get_page(partial, number, &page) == UMB_OK && as_json) {
+            json_page(&json, number, &page);
+        } else if (page.stored_bytes > 0) {
+            print_page(number, &page);
+        }
+    }
+    if (as_json) {
+        umbu_json_end(&json, ']');
+        umbu_json_close(&json);
+    }
+}
+
+/* Describes a partial file, or lists the pages of a packed or partial file. */
+static int info_partial(const char *path, const struct options *options)
+{
+    struct umb_error error = {.status = UMB_OK};
+    struct umb_partial *partial;
+    struct umb_partial_stats stats;
+    if (umbc_partial_open(path, &partial, &error) != UMB_OK) {
+        return umbc_complain_file(path, &error);
+    }
+    if (partial == NULL) {
+        return umbc_complain_as(UMB_E_UNSUPPORTED, "%.200s: a mapped file has no pages", path);
+    }
+    if (options->pages) {
+        print_pages(partial, options->settings.json);
+    } else {
+        umb_partial_get_stats(partial, &stats);
+        print_asset(umb_partial_lower(partial), &stats, &options->settings);
+    }
+    umb_partial_close(partial);
     return umbc_finish_stdout(0);
 }
 
@@ -405,11 +523,18 @@ static int info_asset(const char *name, struct umbc_settings *settings)
 int umbc_info(int argc, char **argv)
 {
     struct umbu_parsed parsed;
-    struct umbc_settings settings = {0};
-    int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
+    struct options options = {0};
+    struct umbc_settings *settings = &options.settings;
+    int code = umbu_start(&parsed, &COMMAND, argc, argv, &options);
     if (code >= 0) {
         return code;
     }
-    return umbc_is_file(settings.target) ? info_file(settings.target, &settings)
-                                         : info_asset(settings.target, &settings);
+    if (!umbc_is_file(settings->target)) {
+        return options.pages
+                   ? umbc_usage_error("info", "--pages: '%.200s' is no file", settings->target)
+                   : info_asset(settings->target, settings);
+    }
+    return options.pages || umbc_is_partial(settings->target)
+               ? info_partial(settings->target, &options)
+               : info_file(settings->target, settings);
 }

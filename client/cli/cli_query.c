@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli_answers.h"
+#include "cli_partial.h"
 #include "tool/progress.h"
 #include "tool/clock.h"
 #include "tool/tool_try.h"
@@ -26,8 +27,8 @@ struct slot {
     struct job *job;
     struct umbc_batch batch;
     struct umb_points points; /* points of the batch */
-    float *answers;           /* [light_count * batch_size], room for the widest answers */
-    void **values;            /* [light_count] answers for each light */
+    float *answers;           /* [columns * batch_size], room for the widest answers */
+    void **values;            /* [columns] answers for each light */
     bool done;                /* true: answered; under the job's lock */
     struct umb_error error;
     struct umb_query_stats *stats; /* [light_count] */
@@ -36,12 +37,19 @@ struct slot {
     struct umb_client_query_reply stated; /* a daemon's reply: level, taps, bound */
 };
 
+/* Numbers of a point and light from a partial file: the answer and its two bounds. */
+#define BOUNDED 3
+
 struct job {
     const struct umbc_query_options *options;
-    struct umb_asset *asset;   /* the file's asset; NULL: a daemon's */
-    bool bad_file;             /* true: the file could not be opened */
-    struct umb_query *queries; /* [light_count] prepared queries of the file */
-    uint32_t *lights;          /* [light_count] */
+    const struct umb_asset *asset; /* the file's asset; NULL: a daemon's */
+    struct umb_asset *whole;       /* the same, if the file is whole */
+    struct umb_partial *partial;   /* the partial file; NULL: none */
+    size_t columns;                /* numbers of a point: its lights, or BOUNDED times as many */
+    struct umb_query_settings *by_light; /* [light_count] settings of a partial file's lights */
+    bool bad_file;                       /* true: the file could not be opened */
+    struct umb_query *queries;           /* [light_count] prepared queries of the file */
+    uint32_t *lights;                    /* [light_count] */
     size_t light_count;
     size_t batch_size;         /* number of points in a call */
     struct umb_client *client; /* connection to the daemon; NULL: a file */
@@ -58,6 +66,25 @@ struct job {
     pthread_cond_t changed;
 };
 
+/* Answers the points of a slot from a partial file, with bounds. */
+static enum umb_status answer_partly(struct job *job, struct slot *slot, struct umb_error *error)
+{
+    for (size_t k = 0; k < job->light_count; k++) {
+        struct umb_partial_answers answers = {.values = slot->values[BOUNDED * k],
+                                              .low = slot->values[BOUNDED * k + 1],
+                                              .high = slot->values[BOUNDED * k + 2],
+                                              .stats = slot->stats[k]};
+        UMB__TRY(
+            umb_partial_query(job->partial, &job->by_light[k], &slot->points, 0, &answers, error));
+        slot->stats[k] = answers.stats;
+        job->total.exact += answers.exact;
+        if (answers.worst_error_m > job->total.worst_error_m) {
+            job->total.worst_error_m = answers.worst_error_m;
+        }
+    }
+    return UMB_OK;
+}
+
 /* Answers a slot from the file. */
 static void answer_here(struct job *job, struct slot *slot)
 {
@@ -65,8 +92,12 @@ static void answer_here(struct job *job, struct slot *slot)
     slot->error.status = umb_points_check(&slot->points, &slot->error);
     if (slot->error.status == UMB_OK) {
         const double start = umbu_thread_cpu_s();
-        umb_query_run_lights(job->queries, job->light_count, &slot->points, 0, slot->points.count,
-                             &answers);
+        if (job->partial != NULL) {
+            slot->error.status = answer_partly(job, slot, &slot->error);
+        } else {
+            umb_query_run_lights(job->queries, job->light_count, &slot->points, 0,
+                                 slot->points.count, &answers);
+        }
         job->total.here_s += umbu_thread_cpu_s() - start;
     } else {
         slot->error.status = UMB_E_FORMAT; /* the input's fault, not the command line's */
@@ -175,7 +206,7 @@ static enum umb_status finish_slot(struct job *job, struct slot *slot, struct um
     job->total.points += slot->batch.count;
     if (job->options->explain) {
         explain_slot(job, slot);
-    } else if (!umbc_answers_put(&job->answers, (const void *const *)slot->values, job->light_count,
+    } else if (!umbc_answers_put(&job->answers, (const void *const *)slot->values, job->columns,
                                  slot->batch.count)) {
         return umb_fail(error, UMB_E_IO, "cannot write '%.200s'", job->options->out);
     }
@@ -348,6 +379,11 @@ static enum umb_status choose_lights(struct job *job, struct umb_error *error)
     for (size_t k = 0; k < job->light_count; k++) {
         job->lights[k] = options->all_lights ? (uint32_t)k : options->lights[k];
     }
+    job->columns = job->partial != NULL ? BOUNDED * job->light_count : job->light_count;
+    job->by_light = calloc(job->light_count + 1, sizeof *job->by_light);
+    if (job->by_light == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu lights", job->light_count);
+    }
     job->total.lights = job->lights;
     job->total.taps = options->settings.taps;
     job->total.light_count = job->light_count;
@@ -362,6 +398,7 @@ static enum umb_status prepare_lights(struct job *job, struct umb_error *error)
         UMB__TRY(dial_settings(job->asset, job->lights[k], job->options, &settings, &calibration,
                                error));
         UMB__TRY(umb_query_prepare(job->asset, &settings, &job->queries[k], error));
+        job->by_light[k] = settings;
         if (k == 0) {
             job->total.taps = umb_query_taps(&job->queries[0]);
             dial_state(job->asset, &settings, &calibration, &job->total);
@@ -388,6 +425,25 @@ static enum umb_status open_asset(struct job *job, struct umb_error *error)
     return UMB_OK;
 }
 
+/* Opens the file: a whole one, or a partial one with the pages that it has. */
+static enum umb_status open_file(struct job *job, struct umb_error *error)
+{
+    struct umb_partial_stats stats;
+    if (!umbc_is_partial(job->options->target)) {
+        const enum umb_status status =
+            umb_asset_open_file(job->options->target, NULL, &job->whole, error);
+        job->asset = job->whole;
+        return status;
+    }
+    UMB__TRY(umbc_partial_open(job->options->target, &job->partial, error));
+    umb_partial_get_stats(job->partial, &stats);
+    job->asset = umb_partial_lower(job->partial);
+    job->total.is_partial = true;
+    job->total.pages_held = stats.pages_held;
+    job->total.page_count = stats.page_count;
+    return UMB_OK;
+}
+
 static enum umb_status open_target(struct job *job, struct umb_error *error)
 {
     const struct umbc_query_options *options = job->options;
@@ -397,10 +453,16 @@ static enum umb_status open_target(struct job *job, struct umb_error *error)
         return open_asset(job, error);
     }
     struct umb_asset_info info;
-    enum umb_status status = umb_asset_open_file(options->target, NULL, &job->asset, error);
+    enum umb_status status = open_file(job, error);
     if (status != UMB_OK) {
         job->bad_file = true;
         return status;
+    }
+    if (job->partial != NULL && (options->explain || options->encoding == UMBC_ENCODING_U8 ||
+                                 options->encoding == UMBC_ENCODING_BIT)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "a partial file answers numbers with bounds: no --explain, and text or f32 "
+                        "as --encoding");
     }
     umb_asset_get_info(job->asset, &info);
     memcpy(job->total.asset_id, info.id, UMB_ID_BYTES);
@@ -414,13 +476,13 @@ static enum umb_status open_slot(struct job *job, struct slot *slot, struct umb_
     UMB__TRY(umbc_batch_init(&slot->batch, batch, job->options->format, error));
     slot->job = job;
     slot->stats = calloc(job->light_count + 1, sizeof *slot->stats);
-    slot->values = calloc(job->light_count + 1, sizeof *slot->values);
-    slot->answers = calloc(job->light_count * batch + 1, sizeof *slot->answers);
+    slot->values = calloc(job->columns + 1, sizeof *slot->values);
+    slot->answers = calloc(job->columns * batch + 1, sizeof *slot->answers);
     if (slot->stats == NULL || slot->values == NULL || slot->answers == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu answers of %zu lights",
                         batch, job->light_count);
     }
-    for (size_t k = 0; k < job->light_count; k++) {
+    for (size_t k = 0; k < job->columns; k++) {
         slot->values[k] = slot->answers + k * batch;
     }
     return UMB_OK;
@@ -472,7 +534,9 @@ static void close_job(struct job *job)
     }
     free(job->queries);
     free(job->lights);
-    umb_asset_close(job->asset);
+    free(job->by_light);
+    umb_asset_close(job->whole);
+    umb_partial_close(job->partial);
     (void)pthread_cond_destroy(&job->changed);
     (void)pthread_mutex_destroy(&job->lock);
     free(job);
@@ -492,6 +556,14 @@ static void print_summary(const struct umbc_query_total *total)
                       "%" PRIu64 " points undefined: too far from any surface of an asset baked "
                       "under the static rule\n",
                       total->stats.undefined);
+    }
+    if (total->is_partial) {
+        const uint64_t answers = total->points * total->light_count;
+        (void)fprintf(stderr,
+                      "%" PRIu32 " of %" PRIu32 " pages: %" PRIu64 " of %" PRIu64
+                      " answers exact, boundaries of the others within %.4g m\n",
+                      total->pages_held, total->page_count, total->exact, answers,
+                      total->worst_error_m);
     }
     if (total->bound_m > 0) {
         (void)fprintf(stderr, "level %" PRIu32 ", %" PRIu32 " taps: true boundaries within %.4g m",

@@ -63,6 +63,11 @@ $(BUILD)/kernel_count: $(BUILD)/tests/bench/kernel_count.o $(HARNESS_OBJ) $(CORE
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_core) -lcmocka -o $@
 
+# Counted by tests/system/test_page_costs.sh.
+$(BUILD)/page_count: $(BUILD)/tests/bench/page_count.o $(HARNESS_OBJ) $(RPC_LIB) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_rpc) -lcmocka -o $@
+
 # The same with one effect compiled out of queries, which are lists of stages and filters; the other
 # sources are the same either way. Compared by tests/system/test_effect_costs.sh.
 SWITCHED_SRC := client/core/query/query.c client/core/query/filter.c

@@ -25,7 +25,7 @@ FUZZ_LIBS_fuzz_reply = $(RPC_LIB) $(CORE_LIB)
 FUZZ_SYS_fuzz_reply = $(RPC_LIBS) $(CORE_LIBS)
 
 # What CI fuzzes with coverage guidance.
-FUZZ_CI := $(addprefix fuzz_,bakes bundle config conn derive farm geometry readers reply want)
+FUZZ_CI := $(addprefix fuzz_,bakes bundle changes config conn derive farm geometry readers reply want)
 # Words of what a target takes.
 FUZZ_WORDS := $(addprefix fuzz_,bakes conn derive reply wire)
 fuzz_words = $(if $(filter $(1),$(FUZZ_WORDS)),-dict=tests/fuzz/protobuf.dict) \

@@ -74,7 +74,59 @@ with test.check("a web server gives the same part as the file"):
         full_stdout = subprocess.run([ut.program("umbrage"), "stream", asset, "--camera", CAMERA, "-q", "-o", "-"],
                                      stdout=full, check=False)
     assert full_stdout.returncode == 74, full_stdout
-    assert "partial" in ut.run("umbrage", "info", part_a, code=69).stderr.decode()
+
+def query(file, *words, code=0):
+    """Runs umbrage query on the points of the view; returns its JSON, or its complaint."""
+    done = ut.run("umbrage", "query", file, "--points", points, "--normals", "--format", "f32", "--taps", "9",
+                  "--json", *words, code=code)
+    return json.loads(done.stdout) if code == 0 else done.stderr.decode()
+
+
+with test.check("a partial file is described and answers as an asset does, with bounds"):
+    told = json.loads(ut.run("umbrage", "info", part_a, "--json").stdout)
+    of_asset = json.loads(ut.run("umbrage", "info", asset, "--json").stdout)
+    assert told["asset"] == of_asset["asset"] and told["lights"] == of_asset["lights"]
+    assert 0 < told["pages_held"] < told["page_count"], told
+    assert "pages          %d of %d" % (told["pages_held"], told["page_count"]) in \
+        ut.run("umbrage", "info", part_a).stdout.decode()
+    truth, part = query(asset), query(part_a)
+    assert 0 < part["exact"] < part["points"] and part["worst_error_m"] > 0, part["exact"]
+    exact = 0
+    for true, (value, low, high) in zip(truth["answers"], part["answers"]):
+        assert low <= true <= high and low <= value <= high, (low, true, high)
+        exact += low == high
+    assert exact == part["exact"]
+    ut.run("umbrage", "stream", asset, "--points", points, "--normals", "--only-points", "-o", part_b, "--quiet")
+    part = query(part_b, "--taps", "17")
+    assert part["exact"] == part["points"] and part["worst_error_m"] == 0, part["exact"]
+    assert [a[0] for a in part["answers"]] == query(asset, "--taps", "17")["answers"]
+    assert "--explain" in query(part_a, "--explain", code=2)
+    assert "--encoding" in query(part_a, "--encoding", "u8", "-o", os.path.join(folder, "x"), code=2)
+    with open(part_a, "rb") as file:
+        damaged = bytearray(file.read())
+    damaged[-1] ^= 1
+    bad = os.path.join(folder, "bad.umb")
+    with open(bad, "wb") as file:
+        file.write(damaged)
+    assert "checksum" in query(bad, code=65) and "checksum" in ut.run("umbrage", "info", bad, code=65).stderr.decode()
+
+with test.check("pages are listed with hashes, levels and bytes"):
+    of_file = json.loads(ut.run("umbrage", "info", asset, "--pages", "--json").stdout)
+    of_part = json.loads(ut.run("umbrage", "info", part_a, "--pages", "--json").stdout)
+    assert len(of_file["pages"]) == of_file["page_count"] and of_file["pages_held"] == 0
+    assert sum(p["stored_bytes"] for p in of_file["pages"]) < whole
+    assert len({p["hash"] for p in of_file["pages"]}) == of_file["page_count"]
+    assert all(3 <= p["level_low"] <= p["level_high"] <= 12 and p["nodes"] > 0 for p in of_file["pages"])
+    by_number = {p["page"]: p for p in of_file["pages"]}
+    for page in of_part["pages"]:
+        assert {**page, "held": False} == by_number[page["page"]], page
+    assert sum(p["held"] for p in of_part["pages"]) == of_part["pages_held"] == told["pages_held"]
+    listed = ut.run("umbrage", "info", asset, "--pages").stdout.decode()
+    assert all(p["hash"] in listed for p in of_file["pages"])
+    mapped = os.path.join(folder, "city.umbm")
+    ut.run("umbrage", "unpack", asset, "-o", mapped, "--quiet")
+    assert "no pages" in ut.run("umbrage", "info", mapped, "--pages", code=69).stderr.decode()
+    ut.run("umbrage", "info", "city", "--pages", code=2)
 
 with test.check("over a path of 20 reconnects no byte comes twice"):
     part, seen = os.path.join(folder, "path.part"), []

@@ -12,7 +12,7 @@
 #include "base/try.h"
 #include "format/node_places.h"
 
-#define GRID_LOG2_TOP 6U  /* Finest grid: finer ones gain nothing beside columns */
+#define GRID_LOG2_TOP 6U /* Finest grid: finer ones gain nothing beside columns */
 
 struct builder {
     const struct umb__octree *octree;

@@ -31,6 +31,7 @@ static uint64_t place_arrays(const struct umb__page *page, uint8_t *block,
         level->children = take(block, &bytes, page->child_count[l], sizeof *level->children);
         level->others = take(block, &bytes, page->external_count[l], sizeof *level->others);
         level->masks = take(block, &bytes, count, sizeof *level->masks);
+        level->closed = take(block, &bytes, count, sizeof *level->closed);
         nodes->seen[l] = take(block, &bytes, count, sizeof *nodes->seen[l]);
     }
     return bytes;
@@ -56,8 +57,24 @@ static void fill_level(const struct umb__page *page, uint32_t l, struct umb__exp
     level->count = page->node_count[l];
 }
 
-struct umb__expanded *umb__expand_nodes(const struct umb__page *page,
-                                                  const struct umb_alloc *alloc)
+/* Finds the nodes of a level below which everything is in the page. In: nodes: with the level
+ * below. / */
+static void find_closed(struct umb__expanded *nodes, uint32_t l)
+{
+    struct umb__expanded_level *level = &nodes->level[l];
+    const uint32_t own = umb__expanded_count(nodes, l - 1);
+    const uint8_t *below = nodes->level[l - 1].closed; /* Bricks are all closed */
+    for (uint32_t i = 0; i < level->count; i++) {
+        uint8_t closed = 1;
+        for (uint32_t c = level->first[i]; c < level->first[i + 1]; c++) {
+            const uint32_t child = level->children[c];
+            closed &= child < own && (l - 1 == UMB_LEVEL_BRICK || below[child]);
+        }
+        level->closed[i] = closed;
+    }
+}
+
+struct umb__expanded *umb__expand_nodes(const struct umb__page *page, const struct umb_alloc *alloc)
 {
     struct umb__expanded measured, *nodes;
     memset(&measured, 0, sizeof measured);
@@ -72,6 +89,7 @@ struct umb__expanded *umb__expand_nodes(const struct umb__page *page,
     for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
         if (page->node_count[l] > 0) {
             fill_level(page, l, &nodes->level[l]);
+            find_closed(nodes, l);
         }
     }
     return nodes;

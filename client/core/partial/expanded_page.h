@@ -19,6 +19,7 @@ struct umb__expanded_level {
     uint32_t *children; /* [first[count]] Position below node_count of the level below: a node of
                            this page; otherwise that number plus an index in `others` */
     struct umb__node_place *others; /* Nodes of other pages */
+    uint8_t *closed;                /* [count] 1: everything below the node is in this page */
 };
 
 struct umb__expanded {
@@ -36,7 +37,8 @@ static inline uint32_t umb__expanded_count(const struct umb__expanded *nodes, ui
 
 /* Returns the place of a child of a level's node. In: page: number of the page of that node. */
 static inline struct umb__node_place umb__expanded_child(const struct umb__expanded *nodes,
-                                                     uint32_t page, uint32_t level, uint32_t child)
+                                                         uint32_t page, uint32_t level,
+                                                         uint32_t child)
 {
     const uint32_t own = umb__expanded_count(nodes, level - 1);
     return child < own ? (struct umb__node_place){page, child}
@@ -46,7 +48,7 @@ static inline struct umb__node_place umb__expanded_child(const struct umb__expan
 /* Expands a parsed page in one block of memory; umb__free frees it. Returns NULL if out of
  * memory. Cost: linear in the page. */
 struct umb__expanded *umb__expand_nodes(const struct umb__page *page,
-                                                  const struct umb_alloc *alloc);
+                                        const struct umb_alloc *alloc);
 
 /* Expands the bricks of a parsed page. In: leaves: working memory, uint64[page->leaf_count]. Out:
  * bricks: [node_count[3]]. */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Ranges of an array; see extents.h. List i has the free ranges of 2^i to 2^(i+1) - 1 items. A range
- * is taken from the first few ranges of the list of its own length, or from the next list that has
- * any: every range there is long enough. No range is free at the end of the array.
+ * Ranges of an array; see extents.h. List i has the free ranges of 2^i to 2^(i+1) - 1 items. A
+ * range is taken from the first few ranges of the list of its own length, or from the next list
+ * that has any: every range there is long enough. No range is free at the end of the array.
  */
 #include "partial/extents.h"
 

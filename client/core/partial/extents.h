@@ -35,10 +35,10 @@ struct umb__extents {
     uint32_t end; /* Number of items in front of the end of the last range in use */
     struct umb__extent *items;
     size_t item_count, item_capacity;
-    uint32_t last;                       /* Last range of the array, plus 1; 0: none */
-    uint32_t spare;                      /* First unused record, plus 1; linked by list_next */
-    uint32_t lists[UMB__EXTENT_LISTS];   /* First range of each list, plus 1 */
-    uint32_t filled;                     /* Bit i: list i has a range */
+    uint32_t last;                     /* Last range of the array, plus 1; 0: none */
+    uint32_t spare;                    /* First unused record, plus 1; linked by list_next */
+    uint32_t lists[UMB__EXTENT_LISTS]; /* First range of each list, plus 1 */
+    uint32_t filled;                   /* Bit i: list i has a range */
 };
 
 /* Takes a range of `count` items, at least 1. The array may have to grow to extents->end. Returns

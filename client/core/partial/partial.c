@@ -519,6 +519,25 @@ enum umb_status umb_partial_locate(const struct umb_partial *p, uint32_t page, u
     return known ? UMB_OK : UMB_E_NOT_FOUND;
 }
 
+enum umb_status umb_partial_get_page(const struct umb_partial *p, uint32_t page,
+                                     struct umb_partial_page *info)
+{
+    *info = (struct umb_partial_page){0};
+    if (!umb__partial_knows(p, page)) {
+        return UMB_E_NOT_FOUND;
+    }
+    const struct umb__page_entry entry = umb__directory_load(&p->head, page);
+    *info = (struct umb_partial_page){.offset = entry.offset,
+                                      .stored_bytes = entry.stored_length,
+                                      .raw_bytes = entry.raw_length,
+                                      .level_high = entry.level_high,
+                                      .level_low = entry.level_low,
+                                      .node_count = entry.records,
+                                      .held = umb_partial_has(p, page)};
+    memcpy(info->hash, umb__directory_hash(&p->head, page), sizeof info->hash);
+    return UMB_OK;
+}
+
 void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint64_t *offset,
                               uint32_t *length)
 {

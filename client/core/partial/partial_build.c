@@ -14,47 +14,6 @@
 #include "base/try.h"
 #include "partial/partial_parts.h"
 
-void umb__partial_note_change(struct umb_partial *p, uint32_t page)
-{
-    struct umb__held *held = &p->pages[page];
-    if (!held->changed) {
-        held->changed = true;
-        p->changed[p->changed_count++] = page;
-    }
-}
-
-void umb__partial_unbuild(struct umb_partial *p)
-{
-    for (uint32_t page = 0; p->pages && p->changed && page < p->head.page_count; page++) {
-        struct umb__held *held = &p->pages[page];
-        if (held->laid) {
-            umb__free(&p->alloc, held->laid->nodes);
-            umb__free(&p->alloc, held->laid);
-            held->laid = NULL;
-            umb__partial_note_change(p, page);
-        }
-        held->watchers = 0;
-    }
-    struct umb__arena *const arenas[] = {&p->nodes[0], &p->nodes[1], &p->bricks};
-    for (size_t i = 0; i < 3; i++) {
-        umb__free(&p->alloc, arenas[i]->block);
-        *arenas[i] = (struct umb__arena){0};
-    }
-    umb__extents_finish(&p->node_extents);
-    umb__extents_finish(&p->brick_extents);
-    p->node_extents.alloc = p->brick_extents.alloc = &p->alloc;
-    umb__free(&p->alloc, p->watches);
-    umb__free(&p->alloc, p->dirty);
-    p->watches = NULL;
-    p->dirty = NULL;
-    p->watch_count = p->watch_capacity = p->dirty_count = p->dirty_capacity = 0;
-    p->watch_spare = 0;
-    umb__tops_finish(p);
-    p->node_count = 0;
-    p->broken = false;
-    p->built = false;
-}
-
 /* Makes an asset for queries from the layout. The partial asset still owns content and id. */
 static void set_view(const struct umb_partial *p, size_t i, struct umb_asset *asset)
 {

@@ -14,8 +14,8 @@
 #define BRICK_BYTES 64U
 #define LINE_BYTES  (UMB__LINE_WORDS * 8U)
 
-/* Most items of an array: numbers of words, and of bricks, fit 32 bits with room for UMB__CELL_FIRST
- * and one node. */
+/* Most items of an array: numbers of words, and of bricks, fit 32 bits with room for
+ * UMB__CELL_FIRST and one node. */
 #define LINES_MOST  ((UINT32_MAX - 64U) / UMB__LINE_WORDS)
 #define BRICKS_MOST (UINT32_MAX - 64U)
 
@@ -77,8 +77,8 @@ static struct umb__laid *make_laid(const struct umb_partial *p, struct umb__expa
     for (uint32_t l = UMB__WIDE_FIRST; l <= p->level_highest; l += 2) {
         count += nodes->level[l].count;
     }
-    struct umb__laid *laid = umb__alloc(
-        &p->alloc, 1, sizeof *laid + (size_t)(2 * count * sizeof(uint32_t)));
+    struct umb__laid *laid =
+        umb__alloc(&p->alloc, 1, sizeof *laid + (size_t)(2 * count * sizeof(uint32_t)));
     if (!laid) {
         return NULL;
     }
@@ -258,4 +258,47 @@ void umb__partial_unlay(struct umb_partial *p, uint32_t page)
     free_laid(p, laid);
     p->pages[page].laid = NULL;
     umb__wide_mark_watchers(p, page);
+}
+
+/* --- the whole layout ------------------------------------------------------------------------- */
+
+void umb__partial_note_change(struct umb_partial *p, uint32_t page)
+{
+    struct umb__held *held = &p->pages[page];
+    if (!held->changed) {
+        held->changed = true;
+        p->changed[p->changed_count++] = page;
+    }
+}
+
+void umb__partial_unbuild(struct umb_partial *p)
+{
+    for (uint32_t page = 0; p->pages && p->changed && page < p->head.page_count; page++) {
+        struct umb__held *held = &p->pages[page];
+        if (held->laid) {
+            umb__free(&p->alloc, held->laid->nodes);
+            umb__free(&p->alloc, held->laid);
+            held->laid = NULL;
+            umb__partial_note_change(p, page);
+        }
+        held->watchers = 0;
+    }
+    struct umb__arena *const arenas[] = {&p->nodes[0], &p->nodes[1], &p->bricks};
+    for (size_t i = 0; i < 3; i++) {
+        umb__free(&p->alloc, arenas[i]->block);
+        *arenas[i] = (struct umb__arena){0};
+    }
+    umb__extents_finish(&p->node_extents);
+    umb__extents_finish(&p->brick_extents);
+    p->node_extents.alloc = p->brick_extents.alloc = &p->alloc;
+    umb__free(&p->alloc, p->watches);
+    umb__free(&p->alloc, p->dirty);
+    p->watches = NULL;
+    p->dirty = NULL;
+    p->watch_count = p->watch_capacity = p->dirty_count = p->dirty_capacity = 0;
+    p->watch_spare = 0;
+    umb__tops_finish(p);
+    p->node_count = 0;
+    p->broken = false;
+    p->built = false;
 }

@@ -99,22 +99,22 @@ struct umb_partial {
 
     /* The last build. */
     bool built;
-    uint64_t node_count; /* Number of nodes and bricks of its pages */
+    uint64_t node_count;                             /* Number of nodes and bricks of its pages */
     struct umb__extents node_extents, brick_extents; /* In lines of 8 words, and in bricks */
     struct umb__arena nodes[2], bricks; /* Wide nodes of the lower and the upper asset, at the same
                                            words; bricks of both */
     struct umb__watch *watches;         /* [watch_count] */
     size_t watch_count, watch_capacity;
-    uint32_t watch_spare;         /* First unused watch, plus 1 */
-    struct umb__wide_ref *dirty;  /* [dirty_count] Wide nodes to be written again */
+    uint32_t watch_spare;        /* First unused watch, plus 1 */
+    struct umb__wide_ref *dirty; /* [dirty_count] Wide nodes to be written again */
     size_t dirty_count, dirty_capacity;
-    uint32_t level_highest;       /* Highest level of the grids' cells: no wide node is above it */
-    uint32_t level_lowest;        /* Lowest level of the grids' cells */
-    bool tops_stale; /* True: nodes of the grids' cells or above have come or gone */
-    bool broken;     /* True: memory ran out while wide nodes were written; only
+    uint32_t level_highest;      /* Highest level of the grids' cells: no wide node is above it */
+    uint32_t level_lowest;       /* Lowest level of the grids' cells */
+    bool tops_stale;             /* True: nodes of the grids' cells or above have come or gone */
+    bool broken;                 /* True: memory ran out while wide nodes were written; only
                         umb__partial_unbuild is safe */
-    struct umb__top *tops;        /* [frustum_count] */
-    struct umb__column *columns;  /* One list of all cells for each column of the grid */
+    struct umb__top *tops;       /* [frustum_count] */
+    struct umb__column *columns; /* One list of all cells for each column of the grid */
     uint32_t *grids[2], *pieces[2]; /* Of the lower and the upper asset */
     uint64_t grid_count, column_count, piece_count;
     uint64_t want_steps;           /* Number of cubes and nodes that the last want visited */
@@ -130,7 +130,7 @@ static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page
 /* Notes that a page was added or dropped. */
 void umb__partial_note_change(struct umb_partial *p, uint32_t page);
 
-/* --- the layout (partial_layout.c): pages come and go ------------------------------------------ */
+/* --- the layout (partial_layout.c): pages come and go ----------------------------------------- */
 
 /* Lays out a held page: expands it and finds places for its bricks and wide nodes. Fails:
  * E_NO_MEMORY; the page is then not laid out. Cost: linear in the page and in the references of
@@ -138,7 +138,8 @@ void umb__partial_note_change(struct umb_partial *p, uint32_t page);
 UMB_CHECKED enum umb_status umb__partial_lay(struct umb_partial *p, uint32_t page,
                                              struct umb_error *error);
 
-/* Frees the uncompressed bytes of pages that wait for the build. Returns false if there are none. */
+/* Frees the uncompressed bytes of pages that wait for the build. Returns false if there are none.
+ * */
 bool umb__partial_free_raw(struct umb_partial *p);
 
 /* Takes a page out of the layout. */
@@ -147,7 +148,7 @@ void umb__partial_unlay(struct umb_partial *p, uint32_t page);
 /* Returns memory that the arrays of the layout do not need. */
 void umb__partial_trim(struct umb_partial *p);
 
-/* --- wide nodes (partial_wide.c) --------------------------------------------------------------- */
+/* --- wide nodes (partial_wide.c) -------------------------------------------------------------- */
 
 /* Returns the most words that a wide node can take. */
 uint64_t umb__wide_words_most(const struct umb_partial *p, uint32_t page,
@@ -165,7 +166,7 @@ bool umb__wide_write_page(struct umb_partial *p, uint32_t page);
 /* Writes the marked wide nodes. Returns false if out of memory. */
 bool umb__wide_write_marked(struct umb_partial *p);
 
-/* --- grids and columns (partial_tops.c) --------------------------------------------------------- */
+/* --- grids and columns (partial_tops.c) ------------------------------------------------------- */
 
 /* Chooses the sizes of the grids, and allocates grids and columns. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__tops_make(struct umb_partial *p, struct umb_error *error);
@@ -174,7 +175,8 @@ void umb__tops_finish(struct umb_partial *p);
 /* Fills grids and columns. Cost: linear in their cells. */
 void umb__tops_fill(struct umb_partial *p);
 
-/* ----------------------------------------------------------------------------------------------- */
+/* -----------------------------------------------------------------------------------------------
+ * */
 
 /* Frees the last build. Held pages count as changed, since the next build has to lay them out. */
 void umb__partial_unbuild(struct umb_partial *p);

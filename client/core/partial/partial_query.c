@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Queries the lower and the upper asset. Where their answers differ, the pages' nodes give the bound
- * of the error. */
+/* Queries the lower and the upper asset. Where their answers differ, the pages' nodes give the
+ * bound of the error. */
 #include <math.h>
 #include <string.h>
 
@@ -54,61 +54,92 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
     return lack;
 }
 
+/* Estimates the answer of point i, which both assets answer differently. */
 static void settle(const struct bracket *b, size_t i, float low, float high)
 {
     struct umb_partial_answers *a = b->answers;
-    double error_m = 0;
-    float value = low;
-    if (low < high) {
-        const struct umb__lack lack = explain(b, i, &error_m);
-        value = low + (high - low) * (float)lack.occupancy;
-    } else {
-        a->exact++;
-    }
-    a->values[i] = value;
-    if (a->low) {
-        a->low[i] = low;
-    }
-    if (a->high) {
-        a->high[i] = high;
-    }
+    double error_m;
+    const struct umb__lack lack = explain(b, i, &error_m);
+    a->values[i] = low + (high - low) * (float)lack.occupancy;
     if (a->error_m) {
         a->error_m[i] = (float)error_m;
     }
     a->worst_error_m = error_m > a->worst_error_m ? error_m : a->worst_error_m;
+    a->exact--;
 }
 
-/* Some points of a chunk, one after the other. */
+/* Stores the answers of a chunk as if all were exact, then settles those that are not. */
+static void settle_chunk(const struct bracket *b, size_t first, size_t count, const float *low,
+                         const float *high)
+{
+    struct umb_partial_answers *a = b->answers;
+    const size_t size = count * sizeof *low;
+    memcpy(a->values + first, low, size);
+    if (a->low) {
+        memcpy(a->low + first, low, size);
+    }
+    if (a->high) {
+        memcpy(a->high + first, high, size);
+    }
+    if (a->error_m) {
+        memset(a->error_m + first, 0, size);
+    }
+    a->exact += count;
+    for (size_t i = 0; i < count; i++) {
+        if (low[i] < high[i]) {
+            settle(b, first + i, low[i], high[i]);
+        }
+    }
+}
+
+/* Some points of a chunk, one after the other; room for one more than the chunk has. */
 struct chosen {
     uint32_t count;
-    uint16_t index[CHUNK]; /* Position of each in the chunk */
-    double positions[3 * CHUNK]; /* In the format of the chunk */
-    float normals[3 * CHUNK], footprints[CHUNK];
+    uint16_t index[CHUNK + 1];         /* Position of each in the chunk */
+    double positions[3 * (CHUNK + 1)]; /* In the format of the chunk */
+    float normals[3 * (CHUNK + 1)], footprints[CHUNK + 1];
 };
 
-/* Chooses the points whose answer is less than 1: where the lower asset is all lit, the upper one is
- * too. */
+/* Chooses the points whose answer is less than 1: where the lower asset is all lit, the upper one
+ * is too. */
 static void choose(const struct umb_points *points, const float *low, struct chosen *chosen)
 {
-    const size_t position = 3 * (points->format == UMB_POINT_F32 ? sizeof(float) : sizeof(double));
-    uint8_t *to = (uint8_t *)chosen->positions;
     uint32_t count = 0;
-    for (size_t i = 0; i < points->count; i++) {
-        if (low[i] >= 1) {
-            continue;
-        }
+    for (uint32_t i = 0; i < points->count; i++) {
         chosen->index[count] = (uint16_t)i;
-        memcpy(to + count * position, (const uint8_t *)points->positions + i * position, position);
-        if (points->normals) {
-            memcpy(chosen->normals + 3 * (size_t)count, (const uint8_t *)points->normals + 12 * i,
-                   12);
-        }
-        if (points->footprints) {
-            memcpy(chosen->footprints + count, (const uint8_t *)points->footprints + 4 * i, 4);
-        }
-        count++;
+        count += !(low[i] >= 1);
     }
     chosen->count = count;
+}
+
+/* Copies `size` bytes of each chosen point. */
+static inline __attribute__((always_inline)) void gather(const struct chosen *chosen,
+                                                         const void *from, size_t size, void *to)
+{
+    for (uint32_t i = 0; i < chosen->count; i++) {
+        memcpy((uint8_t *)to + i * size, (const uint8_t *)from + chosen->index[i] * size, size);
+    }
+}
+
+static struct umb_points chosen_points(const struct umb_points *points, struct chosen *chosen)
+{
+    struct umb_points some = *points;
+    if (points->format == UMB_POINT_F32) {
+        gather(chosen, points->positions, 3 * sizeof(float), chosen->positions);
+    } else {
+        gather(chosen, points->positions, 3 * sizeof(double), chosen->positions);
+    }
+    some.positions = chosen->positions;
+    if (points->normals) {
+        gather(chosen, points->normals, 3 * sizeof(float), chosen->normals);
+        some.normals = chosen->normals;
+    }
+    if (points->footprints) {
+        gather(chosen, points->footprints, sizeof(float), chosen->footprints);
+        some.footprints = chosen->footprints;
+    }
+    some.count = chosen->count;
+    return some;
 }
 
 /* Answers the points of a chunk from the upper asset. In: low: answers of the lower one. */
@@ -118,17 +149,16 @@ static void run_upper(const struct bracket *b, const struct umb_points *points, 
     struct chosen chosen;
     float values[CHUNK];
     choose(points, low, &chosen);
-    struct umb_answers above = {.values = chosen.count < points->count ? values : high};
-    struct umb_points some = *points;
-    if (chosen.count < points->count) {
-        some.positions = chosen.positions;
-        some.normals = points->normals ? chosen.normals : NULL;
-        some.footprints = points->footprints ? chosen.footprints : NULL;
-        some.count = chosen.count;
-        memcpy(high, low, points->count * sizeof *high);
+    if (chosen.count > points->count - points->count / 4) { /* Copying would not pay */
+        struct umb_answers all = {.values = high};
+        umb_query_run(&b->upper, points, 0, points->count, &all);
+        return;
     }
+    const struct umb_points some = chosen_points(points, &chosen);
+    struct umb_answers above = {.values = values};
     umb_query_run(&b->upper, &some, 0, some.count, &above);
-    for (uint32_t i = 0; i < chosen.count && above.values == values; i++) {
+    memcpy(high, low, points->count * sizeof *high);
+    for (uint32_t i = 0; i < chosen.count; i++) {
         high[chosen.index[i]] = values[i];
     }
 }
@@ -141,9 +171,7 @@ static void run_chunk(const struct bracket *b, size_t first, size_t count)
     umb_query_run(&b->lower, &points, 0, count, &below);
     run_upper(b, &points, low, high);
     b->answers->stats = below.stats;
-    for (size_t i = 0; i < count; i++) {
-        settle(b, first + i, low[i], high[i]);
-    }
+    settle_chunk(b, first, count, low, high);
 }
 
 enum umb_status umb_partial_query(struct umb_partial *p, const struct umb_query_settings *settings,

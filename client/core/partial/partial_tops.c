@@ -9,20 +9,21 @@
 #include "base/memory.h"
 #include "partial/partial_parts.h"
 
-#define GRID_LOG2_MOST 5U /* Finest grid; in deep frusta one level finer */
-#define GRID_LEVEL_LOW 9U /* Lowest level of the cells of that finer grid */
-#define CELL_BYTES     16U /* Bytes of a cell: in two grids and two lists of pieces */
-#define BUDGET_SHARE   16U /* Divisor of the memory budget that limits grids and columns */
-#define CONTENT_SHARE  8U  /* Divisor of the asset's bytes that does */
+#define GRID_LOG2_MOST 6U /* Finest grid */
+#define CELL_LEVEL_LOW                                                                             \
+    9U                    /* Lowest level of the cells of a grid that could be coarser: most pages
+                              have no node of this level, and leave the cells as they are */
+#define CELL_BYTES    16U /* Bytes of a cell: in two grids and two lists of pieces */
+#define BUDGET_SHARE  16U /* Divisor of the memory budget that limits grids and columns */
+#define CONTENT_SHARE 8U  /* Divisor of the asset's bytes that does */
 
 /* Sizes the grid of a frustum of 2^n voxels a side within a budget of bytes. Cells are of an odd
  * level, at least 5. */
 static uint32_t choose_grid(uint32_t n, uint64_t budget)
 {
     uint32_t grid = n % 2 == 1 ? 0 : 1;
-    for (uint32_t g = grid + 2; g + UMB__WIDE_FIRST <= n; g += 2) {
-        const bool fine = g <= GRID_LOG2_MOST || (g == GRID_LOG2_MOST + 1 && g + GRID_LEVEL_LOW <= n);
-        if (fine && (uint64_t)CELL_BYTES << (3 * g) <= budget) {
+    for (uint32_t g = grid + 2; g <= GRID_LOG2_MOST && g + CELL_LEVEL_LOW <= n; g += 2) {
+        if ((uint64_t)CELL_BYTES << (3 * g) <= budget) {
             grid = g;
         }
     }
@@ -69,7 +70,8 @@ static void set_columns(struct umb_partial *p)
     for (uint32_t i = 0; i < p->canonical.content.frustum_count; i++) {
         const uint32_t g = p->tops[i].grid_log2;
         for (uint32_t k = 0; k < 1U << (2 * g); k++) {
-            *column++ = (struct umb__column){.first = 2 + (k << g), .high = (uint16_t)((1U << g) - 1)};
+            *column++ =
+                (struct umb__column){.first = 2 + (k << g), .high = (uint16_t)((1U << g) - 1)};
         }
     }
 }

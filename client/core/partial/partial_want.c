@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Finds the pages that matter. A walk follows the view through the graph from the roots, cube by
- * cube. An absent child gives its page the cube's benefit. So does every node on the way, so that a
- * page is never worth less than a page below it. A node of which a whole cube was visited is not
- * walked again for a smaller benefit, since everything below the node was found.
+ * Finds the pages that matter. A walk follows the view through the pages from the roots, cube by
+ * cube. A missing page gets the benefit of each cube of which it has the node. So does every page
+ * on the way, so that a page is never worth less than a page below it. The walk does not go below a
+ * node if all of the node's tree is in one page, since nothing is missing there. A node of which a
+ * whole cube was visited is not walked again for a smaller benefit, since everything below the node
+ * was found.
  *
- * The graph shares nodes, so its unfolded tree may be larger by any factor. Therefore the walk
- * counts the cubes that it visits. Assets of scenes take up to 11 cubes for each node held. At
- * STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the graph, from
- * the top down and each node once, wants everything below the marked nodes. The result may have too
- * many pages, never too few.
+ * Pages share nodes, so the unfolded tree may be larger by any factor. Therefore the walk counts
+ * the cubes that it visits. Assets of scenes take fewer cubes than nodes held. At STEPS_A_NODE the
+ * walk stops and marks the nodes that remain. Then one pass over the nodes, from the top down and
+ * each node once, wants everything below the marked nodes. The result may have too many pages,
+ * never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -50,6 +52,13 @@ enum {
 /* Benefit of everything below a root that the walk does not reach; any positive value would do. */
 #define ROOT_BENEFIT 1.0
 
+/* Returns whether a walk ends at a node: its page is missing, or has all that is below it. In:
+ * nodes: those of the node's page, or NULL. */
+static bool ends_at(const struct umb__expanded *nodes, uint32_t level, uint32_t position)
+{
+    return !nodes || level == UMB_LEVEL_BRICK || nodes->level[level].closed[position];
+}
+
 static struct cube part_of(const struct cube *cube, unsigned c, struct umb__node_place place)
 {
     const uint32_t half = 1U << (cube->level - 1);
@@ -71,7 +80,7 @@ static void want_all(struct umb_partial *p, uint32_t level, struct umb__node_pla
                      double benefit)
 {
     const struct umb__expanded *nodes = nodes_of(p, place.page);
-    if (!nodes || level == UMB_LEVEL_BRICK) {
+    if (ends_at(nodes, level, place.position)) {
         p->pages[place.page].benefit += benefit;
     } else {
         mark(&nodes->seen[level][place.position], benefit);
@@ -130,7 +139,8 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
         return;
     }
     const struct umb__expanded *nodes = nodes_of(p, cube->place.page);
-    if (nodes && cube->level > UMB_LEVEL_BRICK && seen.whole) {
+    const bool end = ends_at(nodes, cube->level, cube->place.position);
+    if (!end && seen.whole) {
         /* An earlier walk from another cube of this node found everything below the node. With
          * max_error_rad a cube that appears larger may need finer cells. Without it, only a benefit
          * more than four times as great is worth a second walk. */
@@ -142,7 +152,7 @@ static void walk_cube(struct walk *w, const struct cube *cube, double above)
         *best = nextafterf((float)seen.benefit, 0.0F);
     }
     p->pages[cube->place.page].benefit += seen.benefit;
-    if (!nodes || cube->level == UMB_LEVEL_BRICK) {
+    if (end) {
         return;
     }
     const struct umb__expanded_level *level = &nodes->level[cube->level];

@@ -36,17 +36,19 @@
  *
  * umbrage/region.h does all of that over a source of byte ranges.
  *
- * Answers without a page: the held pages are laid out twice. In the lower asset every missing
- * subtree is all shadowed, in the upper asset all lit. Both are ordinary assets, so every query
- * runs on them unchanged. A window counts lit voxels, so the truth lies between the two answers.
- * Where they are equal, the answer is exact: bit for bit that of the whole file. Elsewhere the
- * answer is the occupancy of the deepest node held, clamped to the two.
+ * Answers without a page: the held pages are laid out as two assets. In the lower asset every
+ * missing subtree is all shadowed, in the upper asset all lit. Both are ordinary assets, so every
+ * query runs on them unchanged. A page is expanded once, when it comes; no other page is touched,
+ * but for the nodes that refer to it. A window counts lit voxels, so the truth lies between the two
+ * answers. Where they are equal, the answer is exact: bit for bit that of the whole file. Elsewhere
+ * the answer is the occupancy of the deepest node held, clamped to the two.
  *
  * Trust: safe on hostile bytes. Head, directory and canonical block are checked against the id.
  * Each page is checked against its SHA-256 in the directory, for its structure, and for its links
  * to the held pages. A wrong page is refused by its number, and the held ones stay.
- * Memory: everything, stored pages included, stays within options.max_memory_bytes. A build that
- * does not fit drops the pages of the least benefit, which are then missing again, and is retried.
+ * Memory: everything stays within options.max_memory_bytes: pages as stored, which umb_partial_save
+ * writes, and their nodes. A build that does not fit drops the pages of the least benefit, which
+ * are then missing again.
  * zstd's working memory (about 0.2 MiB) comes from malloc on top.
  * Threads: one at a time; but between two builds any number may query.
  * Space: voxels and boxes as in umbrage/geom.h.
@@ -143,20 +145,21 @@ UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int
                                           uint32_t *list, size_t room);
 
 /*
- * Adds one page as stored in the file. If the memory budget is used up, pages of less benefit are
- * dropped for the new page.
+ * Adds one page as stored in the file; queries use it from the next build on. If the memory budget
+ * is used up, pages of less benefit are dropped for the new page.
  *
  * In:    stored: uint8[size], copied.
  * Fails: E_ARGUMENT (no such page), E_STATE (its block of the directory is missing), E_EXISTS (the
  *        page is held), E_CORRUPT (length, checksum, SHA-256, structure, or links to or from held
  *        pages), E_VERSION, E_NO_MEMORY (beyond the budget, and no held page is of less benefit).
  *        The page is then not held.
+ * Cost:  linear in the page.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial, uint32_t page,
                                                     const void *stored, size_t size,
                                                     struct umb_error *error);
 
-/* Drops a page; it can be added again. The last build stays as it is. */
+/* Drops a page; it can be added again. Queries still use its nodes until the next build. */
 UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);
 
 /* Returns 1 if a page is held, else 0. */
@@ -166,6 +169,22 @@ UMB_API int umb_partial_has(const struct umb_partial *partial, uint32_t page);
  * E_NOT_FOUND (its block of the directory is missing); offset and length are then 0. */
 UMB_API enum umb_status umb_partial_locate(const struct umb_partial *partial, uint32_t page,
                                            uint64_t *offset, uint32_t *length);
+
+/* A page, as its entry in the directory describes it. */
+struct umb_partial_page {
+    uint8_t hash[UMB_ID_BYTES];       /* SHA-256 of the page's uncompressed bytes */
+    uint64_t offset;                  /* Place in the file */
+    uint32_t stored_bytes, raw_bytes; /* Length as stored, and uncompressed */
+    uint32_t level_high, level_low;   /* Highest and lowest level of its nodes */
+    uint32_t node_count;              /* Number of nodes and bricks */
+    int held;                         /* 1 if the page is held */
+    uint64_t reserved[4];             /* Zero: room for later versions (umbrage/version.h) */
+};
+
+/* Fills in the description of a page. In: page: below page_count. Fails: E_NOT_FOUND (its block of
+ * the directory is missing); the description is then zero. */
+UMB_API enum umb_status umb_partial_get_page(const struct umb_partial *partial, uint32_t page,
+                                             struct umb_partial_page *info);
 
 /* Returns the head's bytes: uint8[head_bytes], borrowed until close. */
 UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
@@ -197,10 +216,13 @@ UMB_API size_t umb_partial_missing(const struct umb_partial *partial, uint32_t *
                                    uint64_t budget_bytes);
 
 /*
- * Lays out the held pages for queries. To keep within the memory budget, it drops pages without
- * benefit first, then those of the least benefit.
+ * Brings the layout for queries up to date with the held pages. To keep within the memory budget,
+ * it drops pages without benefit first, then those of the least benefit.
  *
  * Fails: E_NO_MEMORY (the budget is too small even without pages), E_CORRUPT.
+ * Cost:  linear in the pages added or dropped since the last build, and in the references of other
+ *        held pages to them. If a page has nodes of level 9 or above, also in the cells of the
+ *        grids: at most 2^18 a frustum, and a sixteenth of the memory budget.
  */
 UMB_API UMB_CHECKED enum umb_status umb_partial_build(struct umb_partial *partial,
                                                       struct umb_error *error);

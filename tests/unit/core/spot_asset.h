@@ -23,7 +23,8 @@ static inline int spot_voxel(const void *user, uint32_t frustum, uint32_t x, uin
 static inline struct bytes spot_file(void)
 {
     const struct voxels voxels = {spot_voxel, NULL, SPOT_LOG2, 1};
-    const double across = 0.5 * SPOT_SIZE / spot_tangent, along = SPOT_SIZE / (spot_far_w - spot_near_w);
+    const double across = 0.5 * SPOT_SIZE / spot_tangent,
+                 along = SPOT_SIZE / (spot_far_w - spot_near_w);
     struct bytes file = {0};
     struct umb_sink sink = bytes_sink(&file);
     struct umb__octree octree;

@@ -20,7 +20,8 @@ struct subject {
 
 static struct umb_box cube_at(const double *low, double side)
 {
-    return (struct umb_box){{low[0], low[1], low[2]}, {low[0] + side, low[1] + side, low[2] + side}};
+    return (struct umb_box){{low[0], low[1], low[2]},
+                            {low[0] + side, low[1] + side, low[2] + side}};
 }
 
 /* An asset of partial_scene. alone: pages of the lowest levels refer to no other page. */
@@ -51,7 +52,10 @@ static struct subject subject_of(unsigned number)
 {
     static const double zero[3] = {0, 0, 0};
     static const struct deep deep[] = {
-        {13, 1, 8, 7}, {20, 40, 8, 1}, {19, 700, 3, 3}, {14, 1500, 4, 9},
+        {13, 1, 8, 7},
+        {20, 40, 8, 1},
+        {19, 700, 3, 3},
+        {14, 1500, 4, 9},
     };
     const struct umb_box scene = cube_at(fixture_origin, 70);
     switch (number) {
@@ -66,7 +70,8 @@ static struct subject subject_of(unsigned number)
         return (struct subject){"spot", spot_file(), cube_at(low, 40), 1};
     }
     default:
-        return (struct subject){"deep", deep_asset(&deep[number - 4], 1000), cube_at(zero, 1000), 1};
+        return (struct subject){"deep", deep_asset(&deep[number - 4], 1000), cube_at(zero, 1000),
+                                1};
     }
 }
 
@@ -75,6 +80,7 @@ struct bench {
     const struct subject *subject;
     struct partial_fixture f;
     struct oracle oracle;
+    bool has_budget; /* The memory budget is small: pages may be refused and dropped */
     uint64_t seed;
     double positions[3 * POINTS];
     float normals[3 * POINTS];
@@ -112,12 +118,11 @@ static void expect_equal_marks(const struct bench *b)
 static void compare_answers(struct bench *b, const struct umb_query_settings *s, int want)
 {
     static float got[4][POINTS], wanted[4][POINTS];
-    const struct umb_points points = {.positions = b->positions,
-                                      .format = UMB_POINT_F64,
-                                      .normals = b->normals,
-                                      .count = POINTS};
+    const struct umb_points points = {
+        .positions = b->positions, .format = UMB_POINT_F64, .normals = b->normals, .count = POINTS};
     struct umb_partial_answers ours = {got[0], got[1], got[2], got[3], 0, 0, {0}, {0}};
-    struct umb_partial_answers theirs = {wanted[0], wanted[1], wanted[2], wanted[3], 0, 0, {0}, {0}};
+    struct umb_partial_answers theirs = {wanted[0], wanted[1], wanted[2], wanted[3],
+                                         0,         0,         {0},       {0}};
     struct umb_error error = {0};
     if (umb_partial_query(b->f.partial, s, &points, want, &ours, &error) != UMB_OK ||
         oracle_query(&b->oracle, s, &points, want, &theirs, &error) != UMB_OK) {
@@ -151,6 +156,28 @@ static void compare_queries(struct bench *b)
     expect_equal_marks(b);
 }
 
+/* Missing pages have the marks of a walk through everything in the view, down to the bricks. */
+static void expect_marks_of_a_whole_walk(struct bench *b, const struct umb_partial_view *view)
+{
+    const struct umb_partial *p = b->f.partial;
+    struct oracle *oracle = &b->oracle;
+    const size_t size = p->head.page_count * sizeof *oracle->benefit;
+    double *kept = malloc(size);
+    memcpy(kept, oracle->benefit, size);
+    oracle->walks_all = true;
+    assert_int_equal(oracle_want(oracle, view, 0, NULL), UMB_OK);
+    oracle->walks_all = false;
+    for (uint32_t page = 0; page < p->head.page_count && !oracle->met_bound; page++) {
+        if (!umb_partial_has(p, page) &&
+            memcmp(&oracle->benefit[page], &kept[page], sizeof(double)) != 0) {
+            fail_msg("%s: missing page %u: benefit %.17g, of a whole walk %.17g", b->subject->name,
+                     page, kept[page], oracle->benefit[page]);
+        }
+    }
+    memcpy(oracle->benefit, kept, size);
+    free(kept);
+}
+
 static void compare_wants(struct bench *b)
 {
     struct umb_partial_view view = {.light = UINT32_MAX, .taps = next_random(&b->seed) % 2 ? 1 : 0};
@@ -174,6 +201,21 @@ static void compare_wants(struct bench *b)
     assert_int_equal(umb_partial_want(b->f.partial, &view, add, NULL), UMB_OK);
     assert_int_equal(oracle_want(&b->oracle, &view, add, NULL), UMB_OK);
     expect_equal_marks(b);
+    if (!add) {
+        expect_marks_of_a_whole_walk(b, &view);
+    }
+}
+
+/* Adds a page, if the memory budget has room for it. */
+static void add_page(struct bench *b, uint32_t page)
+{
+    struct umb_error error = {0};
+    uint32_t length;
+    const uint8_t *stored = partial_page(&b->f, page, &length);
+    const enum umb_status status = umb_partial_add(b->f.partial, page, stored, length, &error);
+    if (status != UMB_OK && (status != UMB_E_NO_MEMORY || !b->has_budget)) {
+        fail_msg("%s: page %u: %s", b->subject->name, page, error.message);
+    }
 }
 
 /* Adds or drops a random page. About `share` of 16 pages are held in the long run; of the first
@@ -184,43 +226,66 @@ static void change_page(struct bench *b, unsigned share)
     const uint32_t page = (uint32_t)(next_random(&b->seed) % p->head.page_count);
     if (next_random(&b->seed) % 16 < (page < p->head.page_count / 4 + 1 ? 14 : share)) {
         if (!umb_partial_has(p, page)) {
-            partial_add(&b->f, page);
+            add_page(b, page);
         }
     } else {
         umb_partial_drop(p, page);
     }
 }
 
-static void try_subject(unsigned number, int steps)
+/* Changes pages in `steps` steps and compares after each. Returns the greatest memory in use. */
+static uint64_t change_and_compare(struct bench *b, uint64_t budget, int steps)
 {
-    const struct subject subject = subject_of(number);
-    struct bench b = {.subject = &subject, .f = {.file = subject.file}, .seed = round_seed(number + 1)};
     struct umb_error error = {0};
-    b.f.partial = partial_open(&subject.file, 0);
-    b.oracle.part = b.f.partial;
+    struct umb_partial_stats stats;
+    b->has_budget = budget > 0;
+    b->f.partial = partial_open(&b->f.file, budget);
+    b->oracle = (struct oracle){.part = b->f.partial};
     for (int step = 0; step < steps; step++) {
         const unsigned share = 2 + (unsigned)(step / 5 * 5 % 13);
-        const uint32_t changes = 1 + (uint32_t)(next_random(&b.seed) % (step % 10 == 0 ? 64 : 3));
+        const uint32_t changes = 1 + (uint32_t)(next_random(&b->seed) % (step % 10 == 0 ? 64 : 3));
         for (uint32_t i = 0; i < changes; i++) {
-            change_page(&b, share);
+            change_page(b, share);
         }
-        partial_build(&b.f);
-        if (oracle_build(&b.oracle, &error) != UMB_OK) {
-            fail_msg("%s: %s", subject.name, error.message);
+        partial_build(&b->f);
+        if (oracle_build(&b->oracle, &error) != UMB_OK) {
+            fail_msg("%s: %s", b->subject->name, error.message);
         }
-        compare_wants(&b);
-        compare_queries(&b);
+        compare_wants(b);
+        compare_queries(b);
     }
-    oracle_finish(&b.oracle);
-    umb_partial_close(b.f.partial);
-    bytes_finish(&b.f.file);
+    umb_partial_get_stats(b->f.partial, &stats);
+    assert_true(budget == 0 || stats.memory_peak_bytes <= budget);
+    oracle_finish(&b->oracle);
+    umb_partial_close(b->f.partial);
+    return stats.memory_peak_bytes;
 }
 
 static void pages_come_and_go_and_all_is_as_made_anew(void **state)
 {
     (void)state;
     for (unsigned number = 0; number < 8; number++) {
-        try_subject(number, case_count(short_count(40, 12)));
+        const struct subject subject = subject_of(number);
+        struct bench b = {
+            .subject = &subject, .f = {.file = subject.file}, .seed = round_seed(number + 1)};
+        (void)change_and_compare(&b, 0, case_count(short_count(40, 12)));
+        bytes_finish(&b.f.file);
+    }
+}
+
+static void a_budget_decides_what_is_held_and_not_what_is_answered(void **state)
+{
+    (void)state;
+    for (unsigned number = 0; number < 8; number++) {
+        const struct subject subject = subject_of(number);
+        struct bench b = {
+            .subject = &subject, .f = {.file = subject.file}, .seed = round_seed(number + 9)};
+        const uint64_t peak = change_and_compare(&b, 0, 20);
+        for (unsigned tenths = 3; tenths < 10 && peak > 1 << 18;
+             tenths += 2) { /* Not three pages */
+            (void)change_and_compare(&b, peak * tenths / 10, short_count(10, 4));
+        }
+        bytes_finish(&b.f.file);
     }
 }
 
@@ -228,6 +293,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(pages_come_and_go_and_all_is_as_made_anew),
+        cmocka_unit_test(a_budget_decides_what_is_held_and_not_what_is_answered),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -337,6 +337,13 @@ static void memory_that_runs_out_is_an_error_and_nothing_else(void **state)
         if (status == UMB_OK) {
             status = umb_partial_build(partial, &error);
         }
+        for (uint32_t page = 3; page < 6 && status == UMB_OK; page++) { /* Others in their place */
+            uint32_t length;
+            const uint8_t *stored = partial_page(&f, page, &length);
+            umb_partial_drop(partial, page - 2);
+            status = umb_partial_add(partial, page, stored, length, &error);
+            status = status == UMB_OK ? umb_partial_build(partial, &error) : status;
+        }
         umb_partial_close(partial);
         if (failing.left > 0) {
             assert_int_equal(status, UMB_OK);
