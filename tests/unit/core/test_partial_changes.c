@@ -24,28 +24,11 @@ static struct umb_box cube_at(const double *low, double side)
                             {low[0] + side, low[1] + side, low[2] + side}};
 }
 
-/* An asset of partial_scene. alone: pages of the lowest levels refer to no other page. */
-static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, bool alone)
+/* An asset of partial_scene. */
+static struct bytes scene_file(uint32_t log2_size, uint32_t frusta)
 {
     const struct voxels voxels = {partial_scene, NULL, log2_size, frusta};
-    struct bytes file = {0};
-    struct umb_sink sink = bytes_sink(&file);
-    struct umb__octree octree;
-    struct umb__content content;
-    struct umb_error error = {0};
-    uint8_t id[UMB_ID_BYTES];
-    make_octree(&voxels, &octree);
-    make_content(&voxels, 0.25, fixture_origin, &content);
-    const struct umb__pack_job job = {.content = &content,
-                                      .octree = &octree,
-                                      .sha256 = &test_digest,
-                                      .sink = &sink,
-                                      };
-    if (umb__pack_run(&job, id, &error) != UMB_OK) {
-        fail_msg("%s", error.message);
-    }
-    umb__octree_finish(&octree);
-    return file;
+    return make_packed(&voxels, 0.25, fixture_origin);
 }
 
 static struct subject subject_of(unsigned number)
@@ -60,11 +43,11 @@ static struct subject subject_of(unsigned number)
     const struct umb_box scene = cube_at(fixture_origin, 70);
     switch (number) {
     case 0:
-        return (struct subject){"two lights", scene_file(8, 2, true), scene, 2};
+        return (struct subject){"two lights", scene_file(8, 2), scene, 2};
     case 1:
-        return (struct subject){"links between bricks", scene_file(8, 1, false), scene, 1};
+        return (struct subject){"one light", scene_file(8, 1), scene, 1};
     case 2:
-        return (struct subject){"six lights", scene_file(7, 6, true), scene, 6};
+        return (struct subject){"six lights", scene_file(7, 6), scene, 6};
     case 3: {
         const double low[3] = {spot_eye[0] - 20, spot_eye[1] - 20, spot_eye[2]};
         return (struct subject){"spot", spot_file(), cube_at(low, 40), 1};
