@@ -63,7 +63,7 @@ static struct bytes claimed_asset(uint32_t per_node)
                                       .octree = &octree,
                                       .sha256 = &test_digest,
                                       .sink = &sink,
-                                      .never_copies = true};
+};
     if (umb__pack_run(&job, id, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
