@@ -11,8 +11,8 @@
 
 config ?= release
 BUILD  ?= build/$(config)
-# One name for a folder, however it is given: the files that say which headers an object depends on
-# (*.d) name the object as it was compiled.
+# BUILD always becomes the same relative path, however it is given. The dependency files (*.d, which
+# headers an object includes) name an object by the path under which it was compiled.
 override BUILD := $(patsubst $(CURDIR)/%,%,$(abspath $(BUILD)))
 ifeq ($(origin CC),default)
 CC := gcc
@@ -28,7 +28,8 @@ DESTDIR ?=
 Q := $(if $(V),,@)
 say = $(if $(V),,@echo "  $(1) $(2)")
 
-# The headers hold the version (umbrage/version.h). SONAME is the number behind the libraries' names.
+# The version comes from the header umbrage/version.h. SONAME is the number at the end of the shared
+# libraries' names.
 VERSION := $(shell awk '/^.define UMB_VERSION_(MAJOR|MINOR|PATCH) / { v = v dot $$3; dot = "." } END { print v }' \
 	client/include/umbrage/version.h)
 SONAME := 1
@@ -63,7 +64,7 @@ CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werro
 	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)
 LDFLAGS_ALL := -pthread $(HARDEN_LDFLAGS) $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)
 
-# The vector kernels: the same source compiled for AVX2; never FMA, so that every build has the same bits.
+# Flags of files named *_avx2.c and *_avx512.c. Never FMA, so that all kernels compute the same bits.
 ifneq ($(filter x86_64%,$(shell $(CC) -dumpmachine)),)
 AVX2_FLAGS := -mavx2 -mpopcnt -mbmi -mbmi2 -mno-fma
 AVX512_FLAGS := -mavx512f -mavx512vl -mavx512bw -mavx512dq -O3

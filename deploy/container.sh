@@ -6,8 +6,9 @@
 #
 # Where the digest comes from (it names the image for all architectures):
 #   skopeo inspect --format '{{.Digest}}' docker://docker.io/library/debian:12-slim
-# Note it where your builds are configured, and renew it when Debian publishes security updates.
-# BUILDER names the program (default podman). Exit codes: 2 usage, 69 no builder, else the builder's.
+# Store the digest in the configuration of your builds, and renew it when Debian publishes security
+# updates. BUILDER names the program (default podman). Exit codes: 2 usage, 69 no builder, else the
+# builder's.
 set -eu
 cd "$(dirname "$0")/.."
 digest=${1-} tag=${2-umbrage}
@@ -25,7 +26,7 @@ if ! command -v "$builder" >/dev/null; then
     echo "container: $builder is not installed; install it, or set BUILDER to another builder" >&2
     exit 69
 fi
-# OCI images have no health checks; docker's format has.
+# The image has docker's format, because OCI images have no health checks.
 set -- build --build-arg "BASE_DIGEST=$digest" --file deploy/Containerfile --tag "$tag"
 [ "${builder##*/}" != podman ] || set -- "$@" --format docker
 exec "$builder" "$@" .

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# deb.sh VERSION: builds the Debian packages of the archive that `make dist` made. The time of the last commit stands in
-# them, so the same commit gives the same bytes. Exit codes: 1 a failed build, 69 a program is missing.
+# deb.sh VERSION: builds the Debian packages of the archive that `make dist` made. Their files have the time of the last
+# commit, so the same commit gives the same bytes. Exit codes: 1 a failed build, 69 a program is missing.
 set -eu
 version=$1
 for program in dpkg-buildpackage dh dh_python3; do

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # The demonstration: bake scenes, serve them, query a million surface points over gRPC from another
-# process, verify against rays, draw pictures, print what it all cost. Stops what it started.
+# process, verify against rays, draw pictures, and print the times and sizes. At its end it stops
+# the processes that it started.
 #
 #   BUILD=build/release   where the programs are
 #   OUT=demo-out          where pictures and assets go

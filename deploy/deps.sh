@@ -18,7 +18,7 @@ needed="
     libembree-dev libjansson-dev libpng-dev
     libcmocka-dev python3 python3-grpcio python3-protobuf python3-cffi python3-numpy
 "
-# There for x86-64 alone; without it pages are hashed one by one.
+# libipsec-mb exists for x86-64 only; without it pages are hashed one by one.
 if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then
     needed="$needed libipsec-mb-dev"
 fi
@@ -40,7 +40,7 @@ has() {
     dpkg-query -W -f='${db:Status-Abbrev}' "$1" 2>/dev/null | grep -q '^[ih]i '
 }
 
-# Prints those of the packages that are missing, each after a space.
+# Prints the packages of the arguments that are missing, each after a space.
 missing_of() {
     for package in "$@"; do
         has "$package" || printf ' %s' "$package"
@@ -73,7 +73,8 @@ for argument in "$@"; do
     esac
 done
 
-# The lists are split on purpose, here and below: one word a package.
+# The lists are without quotes on purpose, here and below: the shell splits them into one word a
+# package.
 # shellcheck disable=SC2086
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
     say "this is not a Debian system; install the counterparts of:" $needed >&2
@@ -104,7 +105,7 @@ if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
 fi
 
 say "installing:$missing"
-# A fresh machine may have no package lists at all, an old one stale ones.
+# A fresh machine may have no package lists, and an old machine outdated ones.
 if ! as_root apt-get -q update; then
     say "apt-get update failed; trying with the package lists that are there" >&2
 fi
@@ -114,7 +115,8 @@ if [ -n "$missing_needed" ]; then
         say "apt-get install failed" >&2
     fi
 fi
-# One by one: an optional package that cannot be had must not keep the others out.
+# Optional packages are installed one by one, so that one that is not available does not prevent the
+# others.
 for package in $missing_optional; do
     if ! as_root apt-get -q install -y --no-install-recommends "$package"; then
         say "apt-get install $package failed" >&2

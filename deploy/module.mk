@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# What a machine needs, the demonstration, and installing.
+# Targets that install packages a machine needs, run the demonstration, install umbrage, and make
+# releases.
 deps: ## install the Debian packages that are missing (as root or by sudo)
 	@sh deploy/deps.sh
 
@@ -33,7 +34,7 @@ sysconfdir ?= $(if $(filter /usr,$(PREFIX)),/etc,$(PREFIX)/etc)
 MAN_PAGES := $(patsubst deploy/man/%.in,$(BUILD)/man/%,$(wildcard deploy/man/*.in))
 UNIT := $(BUILD)/systemd/umbraged.service
 
-# Pages quote what the programs print.
+# The man pages quote what the programs print, so the programs are built first.
 $(MAN_PAGES): $(BUILD)/man/%: deploy/man/%.in deploy/man/man.sh $(addprefix $(BUILD)/,umbrage umbraged umbrage-bake umbrage-study)
 	@mkdir -p $(@D)
 	$(call say,MAN,$@)
@@ -52,18 +53,20 @@ $(COMPLETIONS): $(BUILD)/completion/umbrage.%: $(BUILD)/completion/options deplo
 
 completions: $(COMPLETIONS) ## the completions of bash, zsh and fish
 
-# The unit names where things are installed, so it is made anew each time.
+# The systemd unit contains paths of the installation, which each call of make may change, so it is
+# made anew each time.
 $(UNIT): deploy/systemd/umbraged.service.in FORCE
 	@mkdir -p $(@D)
 	$(Q)sed -e 's|@bindir@|$(bindir)|; s|@sysconfdir@|$(sysconfdir)|' $< >$@
 
-# The pages lie to one another as they do here, with what they link to, so that every link leads
-# somewhere.
+# The pages are installed in the same folders as in the source tree, with all files that they link
+# to, so that every link works.
 DOC_FILES = README.md SECURITY.md LICENSE $(wildcard docs/*.md docs/*/* proto/umbrage/v1/*.proto client/include/umbrage/*.h)
 install-docs:
 	for file in $(DOC_FILES); do install -D -m 0644 $$file $(DESTDIR)$(docdir)/$$file || exit 1; done
 
-# The .pc files name folders from their own, so that a tree that is moved as a whole still works.
+# The .pc files give folders relative to their own, so that an installation that is moved as a whole
+# still works.
 below = $(shell realpath -m --relative-to=$(1) $(2))
 install-libraries: libraries ## install headers, libraries and .pc files under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(libdir) $(DESTDIR)$(pkgconfigdir) $(DESTDIR)$(includedir)/umbrage
@@ -99,7 +102,8 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
 
-# Releases are made from the last commit, with its time.
+# Archives and packages of a release are made from the last commit; the times of their files are the
+# commit's.
 NAMED := umbrage-$(VERSION)
 dist: ## source archive of the last commit: the same bytes on every machine
 	@mkdir -p $(BUILD)/dist

@@ -15,7 +15,8 @@ $(BUILD)/gen/%.pb-c.c $(BUILD)/gen/%.pb-c.h &: proto/%.proto
 	$(call say,PROTOC,$<)
 	$(Q)protoc-c -Iproto --c_out=$(BUILD)/gen $<
 
-# What server reflection serves: the descriptors of all files, as an array of bytes.
+# The descriptors of all .proto files as an array of bytes in C; the service of server reflection
+# sends them.
 PROTO_ALPHA := $(BUILD)/gen/alpha/grpc/reflection/v1alpha/reflection.proto
 $(BUILD)/gen/descriptor_set.c: $(PROTO_SRC)
 	@mkdir -p $(dir $(PROTO_ALPHA))
@@ -40,7 +41,8 @@ $(WIRE_LIB): $(WIRE_OBJ)
 # Addresses and TLS: part of the client library and of the daemon.
 NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/net/*.c))
 $(RPC_LIB) $(BUILD)/libumbrage.so.$(SONAME): $(NET_OBJ)
-# Outside, messages are no library of their own. Compressed requests are for servers.
+# Installed libraries contain the wire library's objects, so it is not installed itself. Only
+# servers decompress requests (gunzip).
 $(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))
 
 wire: $(WIRE_LIB) ## the wire library alone

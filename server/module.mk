@@ -11,7 +11,8 @@ JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
 DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c server/daemon/*/*.c))
 BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
 STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/study_page.o
-# A sparse volume beside the study's look-ups, where its headers are (libnanovdb-dev).
+# The study compares NanoVDB, a sparse volume, with umbrage where NanoVDB's headers are installed
+# (libnanovdb-dev).
 ifneq ($(shell $(CXX) -std=c++17 -include nanovdb/NanoVDB.h -E -x c++ /dev/null >/dev/null 2>&1 && echo yes),)
 STUDY_VOLUME := $(BUILD)/server/study/nanovdb_peer.o
 STUDY_OBJ    := $(filter-out %/nanovdb_absent.o,$(STUDY_OBJ)) $(STUDY_VOLUME)
@@ -21,17 +22,19 @@ $(STUDY_VOLUME): server/study/nanovdb_peer.cc server/study/nanovdb_peer.h
 	$(call say,CXX,$<)
 	$(Q)$(CXX) -std=c++17 -g -O3 -DNDEBUG $(HARDEN_CFLAGS) $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
 endif
-# The study's peers are compiled to win.
+# The shadow map that the study compares with umbrage gets more optimisation than umbrage itself.
 $(BUILD)/server/study/shadow_map16_avx2.o: AVX2_FLAGS += -O3
 
-# SHA-256 of many pages at once, where Intel's library for it is (libipsec-mb-dev, amd64); IPSEC_MB= does without.
+# SHA-256 of many pages at once, where Intel's library for it is installed (libipsec-mb-dev, amd64); IPSEC_MB=
+# builds without it.
 COMMON_LIBS := -lcrypto
 IPSEC_MB ?= $(shell $(CC) -DNO_COMPAT_IMB_API_053 -include intel-ipsec-mb.h -fsyntax-only -x c /dev/null 2>/dev/null && echo yes)
 ifneq ($(IPSEC_MB),)
 COMMON_LIBS += -Wl,--as-needed -lIPSec_MB -Wl,--no-as-needed
 $(BUILD)/server/common/sha256_lanes.o: INC_server += -DHAVE_IPSEC_MB
 endif
-# Which of the two this folder was built for: compiled and linked anew when that changes.
+# This file records whether the build folder has libipsec-mb. When that changes, sha256_lanes.o and
+# the programs are made anew.
 IPSEC_MB_BUILT := $(BUILD)/gen/ipsec_mb_$(if $(IPSEC_MB),with,without)
 $(IPSEC_MB_BUILT):
 	@mkdir -p $(@D)
@@ -50,7 +53,7 @@ DAEMON_LIB := $(BUILD)/libumbrage-daemon.a
 
 $(eval $(call page,server/study/study_page.html))
 
-# As in the core.
+# The sanitizers check conversions of floats here as in the core (client/module.mk).
 $(BUILD)/server/bake/%.o $(BUILD)/server/rays/%.o $(foreach part,common scene store,$(BUILD)/server/$(part)/%.o): CFLAGS_ALL += $(if $(filter asan,$(config)),$(FLOAT_CHECKS))
 
 $(COMMON_LIB): $(COMMON_OBJ)

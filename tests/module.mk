@@ -2,6 +2,11 @@
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
+# Tests are compiled more often than they run.
+ifeq ($(config),release)
+$(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1
+endif
+
 HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
@@ -94,8 +99,8 @@ volume-queries: $(VOLUME_QUERIES) $(PROGRAMS) $(BUILD)/scenegen ## segments, col
 partial-changes: $(BUILD)/tests/unit/core/test_partial_changes ## partial assets against a layout made anew: 10000 steps on eight assets
 	@UMBRAGE_CASES=10000 timeout 7200 $<
 
-# Every hard case against long double or exact references, 10^6 random cases or more of each; rays
-# through edges and corners 10^8.
+# Compares every hard case with long double or exact references, in 10^6 random cases or more of
+# each; 10^8 for rays through edges and corners.
 NUMERICS := $(addprefix $(BUILD)/tests/unit/,$(addprefix maps/test_,aliasing cascades maps_channels maps_frustum maps_moments) \
 	$(addprefix bake/test_,coverage_exact coverage_watertight eye_clip light_frame) core/test_query_places)
 NUMERIC_ROUNDS := $(addprefix $(BUILD)/tests/unit/maps/test_maps_,bounds deep pcf)
@@ -123,7 +128,8 @@ determinism: ## equal ids by gcc and clang, -O2 and -O3, AVX and portable, for t
 	@tests/system/determinism.py $(DETERMINISM:%=build/det-%)
 .PHONY: numerics same-bits determinism
 
-# Light behind translucent casters of a bake against products over all that the light meets.
+# Compares the light behind translucent casters of a bake with products over all surfaces that the
+# light meets.
 $(BUILD)/light_products: $(BUILD)/tests/agreement/light_products.o $(TEST_LIBS_scene)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_scene) -o $@
@@ -141,7 +147,7 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
 .PHONY: kernel-bits
 
-# Random lamps on, above, below and inside surfaces against brute force in long double.
+# Compares random lamps on, above, below and inside surfaces with brute force in long double.
 $(BUILD)/lamp_check: $(BUILD)/tests/agreement/lamp_check.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
@@ -151,7 +157,7 @@ lamps: $(PROGRAMS) $(BUILD)/lamp_check ## random lamps near surfaces, each bake 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/lamps.py $(LAMPS) $(LAMP_SEED)
 .PHONY: lamps
 
-# Penumbras of lamps against rays to their points.
+# Compares penumbras of lamps with rays to the lamps' points.
 AREA_LIGHTS ?= 4096 480 16
 area-lights: $(PROGRAMS) $(BUILD)/scenegen ## penumbras of lamps and area lights in five scenes against rays (AREA_LIGHTS="VOXELS PIXELS RAYS"): five minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/system/area_lights.py $(AREA_LIGHTS)
@@ -230,14 +236,16 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything: units, sanitizers, system, interop (see docs/explained/testing.md)
-	@$(MAKE) --no-print-directory lint
-	@$(MAKE) --no-print-directory -j$(CORES) release-needs
+test: deps ## everything but `races`: lint, units, system, interop, ASan (docs/explained/testing.md)
+	@$(MAKE) --no-print-directory -j$(CORES) lint release-needs
 	@$(MAKE) --no-print-directory -j2 release-tests asan-needs
-	@$(MAKE) --no-print-directory -j2 asan-short tsan-needs
+	@$(MAKE) --no-print-directory asan-short
+
+races: deps ## the tests that can start a thread, and a serving daemon, under TSan: three minutes
+	@$(MAKE) --no-print-directory -j$(CORES) tsan-needs
 	@$(MAKE) --no-print-directory tsan-short
 
-# Sanitizer builds beside tests: the tests leave processors idle while they wait.
+# The sanitizer's build runs beside tests, which leave processors idle while they wait.
 asan-needs tsan-needs: %-needs:
 	@nice $(MAKE) --no-print-directory config=$* warn= say= sanitize-needs
 asan-short tsan-short: %-short:
@@ -260,7 +268,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short races release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

@@ -54,7 +54,7 @@ static void put_text(FILE *file, const void *const *values, size_t light_count, 
     }
 }
 
-/* as_list: each point gets an array of answers, also for one light. */
+/* In: as_list: true: each point gets an array of answers, also for one light. */
 static void put_json(struct umbu_json *json, const void *const *values, size_t light_count,
                      size_t count, bool as_list)
 {

@@ -9,7 +9,7 @@
 #include "tool/output.h"
 #include "cli_query_options.h"
 
-/* Sums and settings of a whole query. */
+/* Settings and sums over all batches of a query. */
 struct umbc_query_total {
     struct umb_query_stats stats;
     uint8_t asset_id[UMB_ID_BYTES];
@@ -30,7 +30,7 @@ struct umbc_query_total {
     double worst_error_m; /* widest edge of a missing cube that an answer depends on */
 };
 
-/* CPU time in nanoseconds of one point and light; 0 without points. */
+/* Returns the CPU time in nanoseconds for one point and one light; 0 without points. */
 double umbc_query_ns(const struct umbc_query_total *total);
 
 struct umbc_answers {

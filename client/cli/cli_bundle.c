@@ -156,8 +156,8 @@ static enum umb_status count_name(struct gathering *g)
                                             "the scene names files more than %d times", NAMES_MAX);
 }
 
-/* True if a file lies in the scene's folder after all links are followed. Other files are not sent:
- * a scene from a stranger could name any file of the user. */
+/* True if a file lies in the scene's folder after all links are followed. Files elsewhere are not
+ * sent: a scene from a stranger could name any file of the user. */
 static bool is_beneath(const struct gathering *g, const char *path)
 {
     char *folder = realpath(g->folder[0] != '\0' ? g->folder : "/", NULL);
@@ -277,8 +277,8 @@ static enum umb_status look_for_uris(struct gathering *g, const char *text, size
     return status;
 }
 
-/* Copies the rest of a line after a word, without blanks around it. Returns false if the line
- * begins with another word. */
+/* Copies the rest of a line that begins with a word, without blanks around the rest. Returns false
+ * if the line begins with another word. */
 static bool take_line(const char *line, size_t length, const char *word, char out[PATH_SIZE])
 {
     const size_t skip = strlen(word);
@@ -361,7 +361,8 @@ static enum umb_status take_obj_line(struct gathering *g, const char *line, size
         return UMB_OK;
     }
     enum umb_status status = add_named(g, name, path);
-    /* A material library is read once, when it is added: every line of a scene may name it. */
+    /* A material library is read only when it is added to the bundle, so once: every line of a
+     * scene may name it. */
     return status == UMB_OK && path[0] != '\0' ? each_line(g, path, LIBRARY_BYTES, take_mtl_line)
                                                : status;
 }

@@ -159,7 +159,7 @@ static void name_output(struct options *options)
     options->output = options->named;
 }
 
-/* Returns -1 to go on, else the exit code after a message. */
+/* Returns -1 if the command is to go on. Otherwise prints a message and returns the exit code. */
 static int options_parse(struct options *options, int argc, char **argv)
 {
     struct umbu_parsed parsed;

@@ -184,7 +184,7 @@ static enum umb_status open_part(struct fetch *fetch, struct umb_error *error)
     return UMB_OK;
 }
 
-/* Proves that every byte of the file belongs to the asset of the id. */
+/* Verifies that every byte of the file belongs to the asset with the id. */
 static enum umb_status prove_file(const char *path, const uint8_t *asset, struct umb_error *error)
 {
     struct umb_file file;
@@ -203,8 +203,8 @@ static enum umb_status give_name(struct fetch *fetch, const char *output, struct
     return umbu_output_rename(fetch->part, output, error);
 }
 
-/* Fetches the file, proves it and gives it its name. If the part of an earlier fetch belongs to
- * another asset, the fetch begins anew, once. */
+/* Fetches the file, verifies it and renames it to its final name. If the part of an earlier fetch
+ * belongs to another asset, the fetch begins anew, once. */
 static enum umb_status fetch_file(struct umb_client *client, struct fetch *fetch,
                                   const char *output, struct umb_error *error)
 {

@@ -32,11 +32,13 @@ static const struct umbu_command COMMAND = {
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 
-/* Number of times in a row: nanoseconds a point for scattered and for neighbouring points. */
+/* Number of times stated for each row of an accuracy curve: nanoseconds a point for scattered
+ * points, and for neighbouring points. */
 #define CURVE_COSTS 2
 
 /* Prints a light's curve as an indented table; prints nothing if it has no rows. In: ns: for each
- * kind of times an array of `count` times or NULL; or NULL for no times. */
+ * kind of times an array of `count` times, or NULL if the kind has none; NULL if there are no times
+ * at all. */
 static void print_curve(const struct umb_curve_row *rows, const double *const ns[CURVE_COSTS],
                         size_t count)
 {

@@ -130,7 +130,8 @@ static bool may_pass(enum umb_status status)
            status == UMB_E_BUSY || status == UMB_E_CANCELLED || status == UMB_E_PROTOCOL;
 }
 
-/* Watches a job until it is over. Out: view: status without texts; plan: for free(). */
+/* Watches a job until it is over. Out: view: the last status, without texts except the plan, which
+ * the caller frees with free(). */
 static enum umb_status watch(struct umb_client *client, const char *job, bool quiet,
                              struct view *out, struct umb_error *error)
 {

@@ -32,7 +32,7 @@ struct points {
 
 /* Accuracy of a region's answers. */
 struct figures {
-    /* Number of points whose shadow boundary is known exactly, to 1 m, and to 10 cm */
+    /* Number of points whose answers are exact, right within 1 m, and right within 10 cm */
     uint64_t exact, within_1m, within_10cm;
     double worst_m; /* largest error of a point in metres; 0: all exact */
 };
@@ -251,7 +251,7 @@ static int read_points(struct options *o)
     return status == UMB_OK ? -1 : umbc_complain_file(o->points_file, &error);
 }
 
-/* Returns -1 to go on, else the exit code after a message. */
+/* Returns -1 if the command is to go on. Otherwise prints a message and returns the exit code. */
 static int options_parse(struct options *o, int argc, char **argv)
 {
     struct umbu_parsed parsed;
@@ -366,7 +366,8 @@ static enum umb_status add_step(struct stream *s, struct umb_region *region, dou
                : UMB_OK;
 }
 
-/* Called after new pages were laid out. The time of this callback does not count as fetching. */
+/* Called after new pages were laid out. The time that this callback takes does not count as time
+ * for fetching. */
 static enum umb_status on_progress(void *user, struct umb_region *region)
 {
     struct stream *s = user;
@@ -403,13 +404,13 @@ static enum umb_status update(struct stream *s, struct umb_region_request *reque
     return umb_region_update(s->region, request, error);
 }
 
-/* Fetches what the points miss, until they miss nothing. */
+/* Fetches the pages that the points need, until no point lacks a page. */
 static enum umb_status fetch_points(struct stream *s, struct umb_region_request *request,
                                     struct umb_error *error)
 {
     struct figures figures;
     uint64_t before = 0;
-    for (;;) { /* ends: pages came in each round, or it was the last */
+    for (;;) { /* The loop ends: pages came in each round, or it was the last */
         struct umb_region_stats stats;
         UMB__TRY(umb_partial_want(umb_region_partial(s->region), NULL, 0, error));
         UMB__TRY(ask_points(&s->o.points, s->region, &s->o.settings, true, &figures, error));

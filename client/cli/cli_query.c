@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbrage query: batches of points go through a ring of slots; answers come in order.
+ * umbrage query: batches of points go through a ring of slots, and answers are written in order.
  *
  * Each slot reads a batch, starts the query, waits for it and writes the answers. With a daemon
  * several slots are under way at once; a file answers at once. Memory is bounded by slots times the
@@ -227,7 +227,7 @@ static enum umb_status read_slot(struct job *job, struct slot *slot, struct umb_
                : umbc_footprints_end(job->footprints, name, job->source.count, error);
 }
 
-/* Runs the ring: slots [oldest, next) are under way. */
+/* Runs the ring of slots. The slots from `oldest` up to but without `next` are under way. */
 static enum umb_status run_ring(struct job *job, struct umb_error *error)
 {
     uint64_t oldest = 0, next = 0;
@@ -286,9 +286,9 @@ static enum umb_status calibrate(const struct umb_asset *asset, uint32_t light,
     return status;
 }
 
-/* Chooses the settings of a light of a file. A budget is calibrated on a sample of the points to
- * query, or on points all over the scene if the input cannot be read twice. Out: calibration: empty
- * without a budget. */
+/* Chooses the settings for a light of a local file. For a budget it measures the costs on a sample
+ * of the points to query, or on points all over the scene if the input cannot be read twice. Out:
+ * calibration: empty without a budget. */
 static enum umb_status dial_settings(const struct umb_asset *asset, uint32_t light,
                                      const struct umbc_query_options *options,
                                      struct umb_query_settings *settings,

@@ -34,7 +34,8 @@ struct umbc_query_options {
     bool with_normals;
     const char *footprints;             /* File, one f32 a point, or NULL */
     struct umb_query_settings settings; /* Settings of the first light */
-    struct umb_dial dial;               /* Chooses level and taps if has_dial */
+    struct umb_dial dial;               /* Requirements that choose taps and level; used if has_dial
+                                           is set */
     bool has_dial;
     uint32_t lights[UMBC_QUERY_LIGHTS_MAX];
     size_t light_count;

@@ -19,7 +19,7 @@
 
 #define INTERVALS_KEPT 16 /* lit intervals that a batch keeps of each segment */
 
-/* Records of a call, and the places of their answers: those of one kind. */
+/* Records of one call, and the places of their answers. All records are of one kind. */
 struct records {
     size_t count;
     struct umb_segments pairs;   /* segments, or corners of boxes */
@@ -30,8 +30,8 @@ struct records {
     struct umb_box_answers *shares;
 };
 
-/* Segments of the batch with more lit intervals than it keeps. They are asked again with room for
- * all intervals, many in one call. */
+/* Segments of the batch with more lit intervals than it keeps. They are queried again with room for
+ * all their intervals, many in one call. */
 struct long_segments {
     uint8_t *ends;
     struct umb_segment_answers answers;
@@ -85,7 +85,8 @@ struct kind {
                            struct umb_error *error);
 };
 
-/* Stores the id of the asset that answered. Fails if an earlier reply has another id. */
+/* Stores the id of the asset that answered. Fails if an earlier reply came from an asset with
+ * another id. */
 static enum umb_status take_reply(struct job *job, const struct umb_volume_query_reply *reply,
                                   struct umb_error *error)
 {
@@ -137,9 +138,9 @@ static void finish_longs(struct long_segments *longs)
     *longs = (struct long_segments){0};
 }
 
-/* Returns true if one more segment fits into the call. Each segment gets room for as many intervals
- * as the longest has, and at least half of that room must be used. A daemon counts the whole room
- * as points. */
+/* Returns true if one more segment fits into the call. Each segment of a call gets room for as many
+ * intervals as the call's largest segment has. At least half of that room must be used, because a
+ * daemon counts the whole room as points. */
 static bool has_room(const struct job *job, size_t count, size_t most, size_t used)
 {
     const size_t room = count * most;
@@ -147,8 +148,8 @@ static bool has_room(const struct job *job, size_t count, size_t most, size_t us
                           (job->client == NULL || room <= job->limits.max_points));
 }
 
-/* Counts the long segments from segment i on that fit into one call, and finds the most intervals
- * of any of them. */
+/* Counts the long segments (struct long_segments) from number i on that fit into one call, and
+ * finds the greatest number of intervals of one of them. */
 static void choose_longs(struct job *job, size_t count, size_t i)
 {
     struct long_segments *longs = &job->longs;
@@ -168,7 +169,8 @@ static void choose_longs(struct job *job, size_t count, size_t i)
     longs->answers.interval_max = most;
 }
 
-/* Asks for the long segments from segment i on once more, as many as fit into one call. */
+/* Queries the long segments (struct long_segments) from number i on once more, as many as fit into
+ * one call. */
 static enum umb_status ask_longs(struct job *job, const struct records *batch, size_t i,
                                  struct umb_error *error)
 {
@@ -445,8 +447,8 @@ static enum umb_status ask_batch(struct job *job, struct umb_error *error)
     add_stats(&job->stats, &job->segments.stats);
     add_stats(&job->stats, &job->columns.stats);
     add_stats(&job->stats, &job->shares.stats);
-    /* Bad numbers, and a single record that is too large, are errors of the input, not of the
-     * command line. */
+    /* Numbers that cannot be used, and a single record that is too large, are errors of the input,
+     * not of the command line. */
     return status == (job->client == NULL ? UMB_E_ARGUMENT : UMB_E_TOO_LARGE) ? UMB_E_FORMAT
                                                                               : status;
 }

@@ -17,8 +17,8 @@ void umbc_records_batch(struct umbc_record_progress *progress, size_t count)
     progress->count = count;
 }
 
-/* Returns the answered share of all records. It is measured by records once the last one was read,
- * and by bytes of the source before. */
+/* Returns the answered share of all records. While the source is being read, the share is measured
+ * by the source's bytes; once its last record was read, by records. */
 static double share_done(const struct umbc_record_progress *progress, double answered)
 {
     const struct umbc_points *source = progress->source;
@@ -56,7 +56,8 @@ static double determinant(const double m[3][3])
            m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
 }
 
-/* 1 if the point of the box, 0..1 along each axis, is in the frustum. */
+/* Returns 1 if a point of the box lies in the frustum. In: the point's place in the box, 0..1 along
+ * each axis. */
 static int in_frustum(const struct umb_frustum_info *f, const double origin[3],
                       const struct umb_box *box, const double at[3])
 {

@@ -3,9 +3,10 @@
 #define UMBRAGE_CLI_CLI_RECORD_PROGRESS_H
 /*
  * The progress line of segments, columns and boxes. One record alone may take long, so the answered
- * share counts the present record in parts.
+ * share counts the part of the current record that is done.
  *
- *     begin;  after each read: batch;  during its answers: show, as often as wanted;  end.
+ * Order of the calls: begin; then, for each batch read, `batch`, and `show` as often as wanted
+ * while it is answered; last, end.
  */
 #include "cli/shared/cli_points.h"
 #include "tool/progress.h"

@@ -55,7 +55,8 @@ static int report(const struct umbc_settings *settings, const struct umb_asset_i
     return good ? umbc_finish_stdout(0) : umbc_complain_file(settings->target, error);
 }
 
-/* Opens and proves one mapping of the file, so that the file cannot be replaced in between. */
+/* Maps the file once, and opens and proves that mapping, so that the file cannot be replaced
+ * between the two steps. */
 static enum umb_status prove(const struct umb_file *file, struct umb_asset_info *info, bool *opened,
                              struct umb_error *error)
 {

@@ -6,8 +6,8 @@
  * more memory than the median.
  *
  * Below 256 ns each nanosecond has a bucket; above, each power of two has 128. A percentile is the
- * upper edge of its bucket: never too small, and too large by less than 1/128 (0.8 %). A duration
- * above UMBC_HISTOGRAM_MAX_NS counts as that.
+ * upper edge of its bucket: never too small, and too large by less than 1/128 (0.8 %). A longer
+ * duration than UMBC_HISTOGRAM_MAX_NS counts as UMBC_HISTOGRAM_MAX_NS.
  * Memory: zeroed memory is an empty histogram. No allocation. One owner at a time.
  * Source: the layout of G. Tene's HdrHistogram.
  */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The daemon's admin port, see load_metrics.h: a request of its own each time. */
+/* Reads the daemon's admin port, see load_metrics.h. Each reading is an HTTP request of its own. */
 #include "load/load_metrics.h"
 
 #include <curl/curl.h>

@@ -76,9 +76,9 @@ static double clamp(double value, double low, double high)
 }
 
 /*
- * Draws one frame. The eye stands at `turn` (0..1) of an ellipse over the bounds and looks along
- * it, 35 degrees down. Each pixel gives the point where its ray meets the plane; a ray above the
- * horizon ends at the border of the bounds.
+ * Draws one camera frame. The eye is on an ellipse over the bounds, at the share `turn` (0..1) of
+ * its length, and looks along the ellipse, 35 degrees down. Each pixel gives the point where its
+ * ray meets the plane; a ray above the horizon ends at the border of the bounds.
  */
 static void draw_frame(const struct umb_box *bounds, const struct axes *axes, double turn,
                        const double origin[3], size_t count, float *positions)
@@ -250,10 +250,10 @@ static enum umb_status fill(const struct hunt *hunt, const struct umb_box *bound
 /*
  * Replaces a pool of random points by points at shadow boundaries.
  *
- * Each point comes from a segment between a lit and a shadowed random point, halved 14 times. Its
- * distance from the boundary is at most 1/16384 of the bounds' size. Segments that cross no
- * boundary are drawn anew, a few times. Fails: as the service; E_NOT_FOUND (fewer than one segment
- * in a thousand crosses a boundary).
+ * Each point comes from a segment between a lit and a shadowed random point, which is halved 14
+ * times. Its distance from the boundary is at most 1/16384 of the bounds' size. Segments that cross
+ * no boundary are drawn anew, a few times. Fails: as the service; E_NOT_FOUND (fewer than one
+ * segment in a thousand crosses a boundary).
  */
 static enum umb_status find_boundaries(struct umb_client *client,
                                        const struct umbc_load_source *source,

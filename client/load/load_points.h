@@ -44,8 +44,8 @@ struct umbc_load_source {
 };
 
 /*
- * Makes a pool of at least 16 batches and about 2^18 points. A trace is taken whole, up to 2^26
- * points; its first points fill up the last batch.
+ * Makes a pool of at least 16 batches and about 2^18 points. All points of a trace are taken, up to
+ * 2^26; its first points are repeated to fill the last batch.
  *
  * In:    bounds: bounds of the asset. client: for UMBC_LOAD_BOUNDARY.
  * Fails: E_NO_MEMORY; for a trace as umbc_points_read, E_FORMAT (no points); for boundaries as the

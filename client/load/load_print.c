@@ -31,7 +31,7 @@ static const char *kind_name(const struct umbc_load_source *source)
     return source->kind == UMBC_LOAD_TRACE ? source->trace : names[source->kind];
 }
 
-/* Reason why a result says little, or NULL. */
+/* Returns the reason for which a result is doubtful, or NULL. */
 static const char *doubt_of(const struct umbc_load_test *test)
 {
     if (test->result.seconds > 0 && !test->result.counts) {

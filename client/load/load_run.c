@@ -2,10 +2,10 @@
 /*
  * One run of a load test, see load_run.h.
  *
- * A lane is one connection: its slots, its share of the schedule, its figures. A slot holds a call
- * under way. Call number n of lane k of L lanes is due at start + (n * L + k) / rate. Two threads
- * start calls, under the lane's lock: the pacer when a call becomes due, and the callback that has
- * just freed a slot.
+ * A lane is the part of the test on one connection: it has slots, a share of the schedule, and
+ * figures of its own. A slot holds a call under way. Call number n of lane k of L lanes is due at
+ * start + (n * L + k) / rate. Two threads start calls, under the lane's lock: the pacer when a call
+ * becomes due, and the callback that has just freed a slot.
  */
 #include "load/load_run.h"
 
@@ -378,7 +378,7 @@ static void note_end(const struct run *run, struct umbc_load_result *result)
     result->counts = result->generator_cores <= UMBC_LOAD_BUSY;
 }
 
-/* Computes the daemon's processor time in the window. The run is valid without it. */
+/* Computes the daemon's processor time in the window. The run is valid without this figure. */
 static void look_at_costs(const struct run *run, struct umbc_load_result *result)
 {
     struct umbc_server_figures figures;

@@ -29,7 +29,8 @@
 #define UMBC_LOAD_MOMENTS    600 /* most pieces of a run */
 #define UMBC_LOAD_CONNS_MAX  256
 #define UMBC_LOAD_FLIGHT_MAX 4096
-#define UMBC_LOAD_BUSY       0.7 /* share of a core above which the generator may measure itself */
+/* Share of a core above which the load generator may limit the result */
+#define UMBC_LOAD_BUSY 0.7
 
 struct umbc_load_settings {
     const char *address;

@@ -27,7 +27,8 @@ static enum umb_status take_step(struct search *search, double rate, bool *kept,
     struct umbc_load_result *result = search->result;
     search->settings.rate = rate;
     UMB__TRY(umbc_load_run(&search->settings, search->pool, NULL, NULL, result, error));
-    search->settings.admin_may_fail = true; /* it answered once: a lost request ends no sweep */
+    search->settings.admin_may_fail = true; /* The service answered once, so that a lost request
+                                               does not end the sweep */
     struct umbc_load_step *step = &sweep->steps[sweep->step_count++];
     *step = (struct umbc_load_step){
         .rate = rate,

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * See umbrage/region.h. An update goes in rounds. The held pages show which missing pages matter. A
- * round requests as many of these as its limit allows. Pages are proven as they arrive and laid out
- * together. Rounds grow with the pages held, so that layout stays a small part of the time.
+ * round requests as many of these as its limit of bytes allows. Each page is verified when it
+ * arrives, and all pages of a round are laid out together. Rounds grow with the pages held, so that
+ * layout stays a small part of the time.
  */
 #include "net/openssl_sha256.h" /* before any other header of OpenSSL */
 #include "umbrage/region.h"
@@ -29,7 +30,7 @@ struct umb_region {
     uint64_t received_bytes, requests, rounds, pages_received;
     uint32_t items[ROUND_ITEMS_MAX]; /* Numbers of blocks, then of pages */
     struct umb_range ranges[ROUND_ITEMS_MAX];
-    uint32_t first_item[ROUND_ITEMS_MAX]; /* First item of each range: items follow one another */
+    uint32_t first_item[ROUND_ITEMS_MAX]; /* Number of each range's first block or page */
 };
 
 /* The front of the file. */
@@ -213,7 +214,7 @@ struct round {
     struct umb_error *error;
 };
 
-/* Adds byte ranges for items in ascending order. Neighbours in the file share a range. */
+/* Adds byte ranges for blocks or pages in ascending order. Neighbours in the file share a range. */
 static void join_items(struct round *round, enum item_kind kind, const uint32_t *items,
                        size_t count)
 {
@@ -303,7 +304,8 @@ static size_t list_blocks(struct umb_region *region, uint64_t bytes)
                                                                  : ROUND_ITEMS_MAX / 2);
 }
 
-/* Lists the items that matter most. Out: round: empty if nothing is missing. */
+/* Reads the missing blocks and pages that matter most, up to `bytes` bytes. Out: round: empty if
+ * nothing is missing. */
 static enum umb_status run_round(struct umb_region *region, uint64_t bytes, struct round *round)
 {
     const size_t blocks = umb_partial_missing_blocks(region->partial, 0, region->items, 1) > 0 ||
@@ -357,7 +359,7 @@ static uint64_t round_bytes(const struct umb_region *region,
     return bytes;
 }
 
-/* Checks that a saved region continues with the source's asset. */
+/* Checks that the source has the asset of the region that was saved. */
 static enum umb_status check_source(struct umb_region *region, struct umb_error *error)
 {
     struct front front = {0};
@@ -385,7 +387,7 @@ enum umb_status umb_region_update(struct umb_region *region,
     if (region->resumed) {
         UMB__TRY(check_source(region, error));
     }
-    for (;;) { /* Ends: each round adds a page or a block, or is the last */
+    for (;;) { /* Terminates: every round but the last adds a page or a block */
         struct round round = {.region = region, .error = error};
         const uint64_t bytes = round_bytes(region, request, start);
         enum umb_status status = want_views(region, request, error);

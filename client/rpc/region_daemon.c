@@ -23,8 +23,8 @@ enum {
 struct daemon_source {
     struct umb_client *client;
     char asset[UMBW_ASSET_NAME_MAX + 1];
-    bool has_id; /* True once `id` is known from the asset's first answer. All reads of a round are
-                    of one version */
+    bool has_id; /* True once `id` is known from the asset's first answer. All later reads must be
+                    of the asset with this id */
     uint8_t id[UMB_ID_BYTES];
     pthread_mutex_t lock;
     pthread_cond_t changed;
@@ -93,8 +93,8 @@ static void on_reply(void *user, enum umb_status status, const uint8_t *message,
     pthread_mutex_unlock(&g->source->lock);
 }
 
-/* Returns the most calls that `cut` makes: each has REQUEST_BYTES or UMBW_RANGES_MAX pieces of
- * ranges, except for the last. */
+/* Returns an upper bound for the number of calls that `cut` makes. Each call but the last is full:
+ * it has REQUEST_BYTES bytes or UMBW_RANGES_MAX pieces of ranges. */
 static size_t most_calls(size_t ranges, uint64_t total)
 {
     const size_t full = (size_t)(total / REQUEST_BYTES);
@@ -179,7 +179,8 @@ static enum umb_status run_calls(struct gathering *g, struct gather_call *calls,
     return status == UMB_OK ? rest : status;
 }
 
-/* Returns how many of these bytes came, up to the first call that brought fewer than it should. */
+/* Returns how many of the given calls' bytes came, up to the first call that brought fewer than it
+ * should. */
 static size_t came(const uint8_t *bytes, uint64_t size, const struct gather_call *calls,
                    size_t call_count)
 {
@@ -193,8 +194,8 @@ static size_t came(const uint8_t *bytes, uint64_t size, const struct gather_call
     return (size_t)size;
 }
 
-/* Hands the ranges over; the end of the file may cut the last one short. After a failure only the
- * whole ones: the region need not request them again. */
+/* Hands the ranges over; the end of the file may cut the last one short. After a failure hands over
+ * only the complete ranges, so that the region need not request them again. */
 static enum umb_status hand_over(const struct gathering *g, const struct umb_range *ranges,
                                  size_t count, const struct gather_call *calls, size_t call_count,
                                  bool only_whole, umb_range_fn got, void *got_user)

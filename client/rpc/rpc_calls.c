@@ -176,11 +176,11 @@ static void leave(struct umb_client *client, struct umb__call *call)
 {
     list_remove(call);
     if (call->connection != NULL && call->connection->session != NULL) {
-        /* Harmless if the stream no longer exists. */
+        /* Does nothing if the stream no longer exists. */
         (void)nghttp2_session_set_stream_user_data(call->connection->session, call->stream_id,
                                                    NULL);
     }
-    /* Before done runs: it may start the next call in this one's place. */
+    /* Removed before `done` runs: `done` may start the next call in the place of this one. */
     pthread_mutex_lock(&client->lock);
     client->pending--;
     client->pending_bytes -= call->counted;

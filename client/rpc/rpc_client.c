@@ -48,7 +48,7 @@ static void each_list(struct umb_client *client,
     }
 }
 
-/* Lowers a time to the list's earliest deadline. */
+/* Lowers a time to the earliest deadline of a list of calls. */
 static void take_earliest(const struct umb__call_list *list, void *user)
 {
     uint64_t *deadline_ns = user;
@@ -163,7 +163,8 @@ static void stop_everything(struct umb_client *client)
         umb__calls_fail(client, &client->endpoints[i].waiting, &error);
     }
     while (client->connections != NULL) {
-        /* The loss completes the connection's calls. None is queued again once `stopped` is set. */
+        /* Losing the connection completes its calls. No call is queued again once `stopped` is
+         * set. */
         umb__connection_lose(client->connections, &error);
     }
     uv_close((uv_handle_t *)&client->deadline_timer, NULL);
@@ -171,8 +172,8 @@ static void stop_everything(struct umb_client *client)
     uv_close((uv_handle_t *)&client->wake, NULL);
 }
 
-/* Takes over the other threads' input: new streams, streams to end (unlinked into *ended), calls,
- * and the numbers to cancel. */
+/* Takes over what other threads have put in: new streams, streams to end (moved to *ended), calls,
+ * and the numbers of calls to cancel. */
 static void take_inbox(struct umb_client *client, struct umb__call_list *calls,
                        struct umb_client_stream **ended, struct umb__cancel **cancels)
 {
@@ -227,8 +228,8 @@ static void flush_due(struct umb_client *client)
     }
 }
 
-/* Ends the calls with these numbers as calls whose deadline has passed end, but with another
- * status; frees the list. */
+/* Ends the calls with these numbers in the way in which calls end at their deadline, but with
+ * another status. Frees the list. */
 static void apply_cancels(struct umb_client *client, struct umb__cancel *cancels)
 {
     const bool any = cancels != NULL;
@@ -318,7 +319,8 @@ static void fill_options(const struct umb_client_options *options, struct umb_cl
     }
 }
 
-/* A call that lacked a resource may succeed later. Any other failure is our bug. */
+/* If the system lacked a resource, a later call may succeed. Any other failure is a bug of this
+ * library. */
 static enum umb_status lacks(int code)
 {
     return code == ENOMEM                                       ? UMB_E_NO_MEMORY

@@ -51,8 +51,8 @@ struct umb__call_list {
     struct umb__call *first, *last;
 };
 
-/* Appends the next request message to an empty body. The body stays empty at the end of the
- * requests. A failure resets the call. Runs on the loop thread. */
+/* Appends the next request message to an empty body. If there are no more requests, the body stays
+ * empty. After a failure the call's HTTP/2 stream is reset. Runs on the loop thread. */
 typedef enum umb_status (*umb__feed_fn)(void *user, struct umbw_buffer *body);
 
 /* Source of request bytes of a call without a body, see rpc_stream.h. user: the call's. */
@@ -71,13 +71,14 @@ struct umb__call_plan {
     uint32_t timeout_ms; /* 0 = the client's */
     struct umb_client_stream
         *stream; /* Stream that carries it; NULL: an HTTP/2 stream of its own */
-    /* Functions of calls with many requests or replies, else NULL. A call for which `feed` has sent
-     * a message is not sent again. */
+    /* Functions of calls with many requests or replies, else NULL. Once `feed` has sent a message,
+     * the call is not sent again. */
     umb__feed_fn feed; /* Source of the requests after the first */
     bool (*take)(void *user, const uint8_t *message, size_t size); /* see rpc_reply.h */
     void *flow_user;
-    bool flows; /* True for a call of many messages, whose deadline moves with them: see
-                   umb__call_moved */
+    /* True for a call of many messages, each of which moves the call's deadline: see
+     * umb__call_moved */
+    bool flows;
 };
 
 struct umb__call {
@@ -85,8 +86,8 @@ struct umb__call {
     struct umb__call_list *list;
     const char *path; /* static */
     struct umbw_buffer body;
-    size_t counted; /* Bytes of the body that the client's pending_bytes include; pieces that `feed`
-                       gives are not included */
+    size_t counted; /* Bytes of the body that are counted in the client's pending_bytes. Pieces that
+                       `feed` gives are not counted */
     size_t body_sent;
     umb__feed_fn feed; /* NULL: body is all */
     void *feed_user;
@@ -98,7 +99,7 @@ struct umb__call {
     uint64_t key;         /* Hash of its asset */
     uint64_t started_ns;  /* uv_hrtime's clock */
     uint64_t ready_ns;    /* while it rests */
-    uint64_t tried;       /* Bits of the replicas that failed it */
+    uint64_t tried;       /* Set of the replicas that failed the call, a bit each */
     bool safe;
     uint64_t number;                /* Number, never used again; 0 for a carrier */
     bool cancelled;                 /* True: its deadline counts as passed */
@@ -117,8 +118,8 @@ struct umb__call {
 };
 
 /* Moves the deadline of a call with `flows` set, after a message of `bytes` was sent or received.
- * The new deadline is stall_timeout_ms from now, but not beyond a pace of 1 KiB a second. Other
- * calls keep their deadline. */
+ * The new deadline is stall_timeout_ms from now, but never later than a rate of 1 KiB a second
+ * allows. Other calls keep their deadline. */
 void umb__call_moved(const struct umb_client *client, struct umb__call *call, size_t bytes);
 
 /* A replica: its address, and the one connection to it that takes new calls. */
@@ -204,8 +205,8 @@ void umb__call_complete(struct umb_client *client, struct umb__call *call, enum 
 void umb__call_answer(struct umb_client *client, struct umb__call *call, const uint8_t *message,
                       size_t size);
 
-/* Ends a call whose deadline has passed, or which was cancelled. In: was_sent: the server has
- * received the request. */
+/* Ends a call whose deadline has passed, or which was cancelled. In: was_sent: true if the request
+ * was sent to the server. */
 void umb__call_expire(struct umb_client *client, struct umb__call *call, bool was_sent);
 
 /* Completes all calls of a list with one error. */

@@ -98,8 +98,8 @@ void umb__connection_lose(struct umb__connection *connection, const struct umb_e
         uv_close(&connection->socket.handle, on_handle_closed);
     }
     if (connection->resolving) {
-        (void)uv_cancel((uv_req_t *)&connection->resolve); /* May be too late: it then completes as
-                                                              usual */
+        (void)uv_cancel((uv_req_t *)&connection->resolve); /* The cancellation may be too late: the
+                                                              call then completes as usual */
     }
     if (!client->stopped && (!connection->ready || !connection->used)) {
         connection->events->lost(connection->endpoint, reason, connection->ready);
@@ -235,8 +235,8 @@ static int write_output(struct umb__connection *connection)
     return code;
 }
 
-/* Returns true if no more bytes will come or go: the session is broken, or the connection is
- * draining and its last call has ended. */
+/* Returns true if no more bytes will be read or written: the session is broken, or the connection
+ * is draining and its last call has ended. */
 static bool is_over(const struct umb__connection *connection)
 {
     if (connection->session == NULL || nghttp2_session_want_write(connection->session)) {
@@ -308,7 +308,7 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return 0;
 }
 
-/* Ends TLS after a failure; sends the peer the reason, if the socket takes it at once. */
+/* Ends TLS after a failure. Sends the reason to the peer, if the socket takes the bytes at once. */
 static void lose_tls(struct umb__connection *connection, const struct umb_error *detail)
 {
     struct umb_error error;
@@ -392,8 +392,8 @@ static void set_timer(struct umb__connection *connection, uint32_t wait_ms)
     (void)uv_timer_start(&connection->timer, on_timeout, wait_ms, 0);
 }
 
-/* Sets the timer of a ready connection. When the timer ends, a peer that owes answers and was
- * silent gets a PING. */
+/* Sets the timer of a ready connection. When the timer ends, a PING is sent to a peer that owes
+ * answers and was silent. */
 static void keep_alive(struct umb__connection *connection)
 {
     connection->heard = false;
@@ -456,7 +456,7 @@ static void on_socket_retired(uv_handle_t *handle)
     }
 }
 
-/* Handles an address that did not answer: tries the next, or fails. */
+/* Handles an address that did not answer: tries the host's next address, or fails. */
 static void connect_failed(struct umb__connection *connection, int code)
 {
     char text[96];

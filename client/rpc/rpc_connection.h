@@ -20,12 +20,14 @@
 struct umb__connection_events {
     /* The connection takes calls. */
     void (*ready)(struct umb__endpoint *endpoint);
-    /* A call ended. begun: the server may have acted on it. */
+    /* Reports the end of a call. In: begun: the server may have acted on the call. */
     void (*ended)(struct umb_client *client, struct umb__call *call, enum umb_status status,
                   const struct umb_error *error, bool begun);
-    /* Reports a connection lost with calls under way. `ended` then reports each of these calls. */
+    /* Reports that a connection was lost with calls under way. `ended` is then called for each of
+     * these calls. */
     void (*broken)(struct umb_client *client);
-    /* Reports a connection lost before it took a call. reached: the connection was ready. */
+    /* Reports that a connection was lost before it took a call. In: reached: the connection had
+     * become ready. */
     void (*lost)(struct umb__endpoint *endpoint, const struct umb_error *reason, bool reached);
     /* The peer's bytes were read. */
     void (*read)(struct umb_client *client);
@@ -43,7 +45,8 @@ struct umb__connection {
         uv_pipe_t pipe;
     } socket;
     bool socket_open;
-    uv_timer_t timer; /* Runs until the peer's settings arrive, and while probing */
+    /* Timer that runs until the peer's settings arrive, and while a PING is unanswered */
+    uv_timer_t timer;
     unsigned handles; /* not yet closed */
     uv_getaddrinfo_t resolve;
     bool resolving;
@@ -68,12 +71,12 @@ struct umb__connection {
     bool lost;
     bool http1; /* True if the first bytes were an HTTP/1 answer */
     bool saw_bytes;
-    char detail[160];            /* nghttp2's text about a broken peer */
+    char detail[160];            /* Text of nghttp2 about what the peer did wrong */
     struct umb_error last_error; /* Error of the last address tried */
 };
 
-/* Opens a connection and makes it the replica's current one; fails the waiting calls if memory is
- * short. */
+/* Opens a connection and makes it the replica's current one. If memory is short, the waiting calls
+ * fail. */
 void umb__connection_open(struct umb__endpoint *endpoint,
                           const struct umb__connection_events *events);
 
@@ -101,7 +104,7 @@ bool umb__session_submit(struct umb__connection *connection, struct umb__call *c
 /* Resets the stream of a call that has ended on this side. */
 void umb__session_cancel(struct umb__connection *connection, struct umb__call *call);
 
-/* Moves the unsent calls of a draining connection back to the waiting ones. */
+/* Moves the unsent calls of a draining connection back to the list of waiting calls. */
 void umb__session_give_back(struct umb__connection *connection);
 
 /*
@@ -124,7 +127,7 @@ UMB_CHECKED enum umb_status umb__tls_create(SSL_CTX *context, const char *name,
                                             struct umb_error *error);
 
 /*
- * Takes bytes from the server, as umbn_tls_open; a value with which `take` stops is no failure.
+ * Decrypts bytes from the server, as umbn_tls_open does; it is no failure if `take` stops early.
  *
  * Fails: E_UNAUTHENTICATED (a certificate that is not trusted, or the server refuses ours),
  *        E_UNAVAILABLE (the server closed the session, or does not use TLS), E_PROTOCOL (no HTTP/2,

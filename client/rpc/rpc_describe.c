@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shadows.List, Shadows.Describe, Shadows.Limits and the health check: small calls. */
+/* The small calls: Shadows.List, Shadows.Describe, Shadows.Limits and the health check. */
 #include "base/try.h"
 #include "rpc_client.h"
 

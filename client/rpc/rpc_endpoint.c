@@ -68,7 +68,8 @@ static uint64_t bit_of(const struct umb__endpoint *endpoint)
     return (uint64_t)1 << (endpoint - endpoint->client->endpoints);
 }
 
-/* Returns the best untried replica, if possible one not known to be down; NULL: none. */
+/* Returns the best replica that the call has not tried, if possible one that is not known to be
+ * down; NULL: there is none. */
 static struct umb__endpoint *choose(struct umb_client *client, const struct umb__call *call)
 {
     struct umb__endpoint *best = NULL;
@@ -171,7 +172,7 @@ static bool submit_waiting(struct umb__endpoint *endpoint, struct umb__connectio
 static void dispatch(struct umb__endpoint *endpoint)
 {
     struct umb_client *client = endpoint->client;
-    /* Replaces a full connection once; a new one takes at least one call. */
+    /* Replaces a full connection, but only once: a new connection takes at least one call. */
     while (endpoint->waiting.first != NULL && !client->stopped) {
         struct umb__connection *connection = endpoint->current;
         if (connection != NULL) {
@@ -211,7 +212,7 @@ static void start_over(struct umb_client *client, struct umb__call *call)
     if (call->source != NULL) {
         call->source->rewind(call->user);
     }
-    /* Wakes the loop, since not every caller is followed by a dispatch. */
+    /* Wakes the loop, because some callers do not dispatch the calls themselves. */
     (void)uv_async_send(&client->wake);
 }
 
@@ -260,9 +261,10 @@ static bool repeat(struct umb_client *client, struct umb__call *call, enum umb_s
         return false;
     }
     if (call->reply.has_grpc_status) {
-        on_broken(client); /* A lost connection has paid for it already */
+        on_broken(client); /* The lost connection has paid from the retry budget already */
     }
-    /* A call that has fed requests or delivered messages cannot be repeated. */
+    /* A call cannot be repeated if it has sent further requests by `feed`, or has passed replies to
+     * `take`. */
     if (!has_budget(client) || !call->safe || call->reply.stay_away || call->was_fed ||
         call->reply.take != NULL || call->retries >= client->options.max_retries) {
         return false;

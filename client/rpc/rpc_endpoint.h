@@ -15,10 +15,11 @@
  * the server may have begun is retried only if it is safe, that is, changes nothing. Its connection
  * must have been lost, or the server must have said UNAVAILABLE or sent a retry pushback. It is
  * retried after the pushback, or after a pause that doubles with some noise, so that clients do not
- * retry in step. A budget protects a failing server from triple load: each such failure costs a
- * token, ten answers restore one, and below half there are no retries (gRPC proposal A6). A call
- * without a reachable replica fails at once if none was ever reached. Else it waits at most
- * connect_timeout_ms for one to come back, since servers are restarted.
+ * retry in step. A retry budget protects a failing server from triple load: each such failure costs
+ * a token, ten answers restore one, and while less than half of the tokens are left there are no
+ * retries (gRPC proposal A6). A call without a reachable replica fails at once if none was ever
+ * reached. Else it waits at most connect_timeout_ms for one to come back, since servers are
+ * restarted.
  *
  * Loop thread only, but for umb__endpoints_parse.
  */
@@ -28,7 +29,7 @@
 UMB_CHECKED enum umb_status umb__endpoints_parse(struct umb_client *client, const char *text,
                                                  struct umb_error *error);
 
-/* Assigns a call to its replica. A dispatch must follow. */
+/* Assigns a call to its replica. The caller must dispatch the call afterwards. */
 void umb__call_route(struct umb_client *client, struct umb__call *call);
 
 /* Submits waiting calls to connections, and opens these if needed. */

@@ -18,7 +18,8 @@
 #define TOKEN_MAX    4096  /* characters */
 #define PIPE_WAIT_MS 10000 /* Wait for a program that writes the token */
 
-/* Reads up to `most` bytes; a pipe has PIPE_WAIT_MS for each piece. Returns their number or -1. */
+/* Reads up to `most` bytes; waits up to PIPE_WAIT_MS for each piece from a pipe. Returns the number
+ * of bytes read, or -1. */
 static ssize_t read_patiently(int fd, char *bytes, size_t most)
 {
     size_t count = 0;
@@ -41,7 +42,8 @@ static ssize_t read_patiently(int fd, char *bytes, size_t most)
     return (ssize_t)count;
 }
 
-/* Reads a token from a file or pipe of nothing else. A pipe without a writer has no token. */
+/* Reads a token from a file or pipe that holds nothing else. A pipe without a writer counts as
+ * empty. */
 static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
                                   struct umb_error *error)
 {

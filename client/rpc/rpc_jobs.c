@@ -9,7 +9,8 @@
 
 #define FOR_EVER_MS UINT32_MAX /* 49 days */
 
-/* Frees the texts of a decoded status. They are one block, which begins with the plan. */
+/* Frees the texts of a decoded status. All texts are in one block of memory, which begins with the
+ * plan. */
 static void drop_texts(struct umb_job_status *status)
 {
     free((void *)(uintptr_t)status->plan);

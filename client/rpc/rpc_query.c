@@ -97,7 +97,7 @@ static enum umb_status unpack(const struct umbw_query_reply *wire, struct query 
                                               wire->visibility_bytes, query->value_bytes);
 }
 
-/* Takes the answers to their place, and checks their number. */
+/* Stores the answers at their destination, and checks their number. */
 static enum umb_status take_answers(const struct umbw_query_reply *wire, struct query *query,
                                     struct umb_error *error)
 {

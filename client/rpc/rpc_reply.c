@@ -132,7 +132,7 @@ enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes, 
     if (!reply->is_grpc || reply->http_status != 200) {
         return UMB_OK;
     }
-    /* The callback cannot fill an error; the reader always does. */
+    /* The callback `take` cannot fill in an error; the reader of messages always does. */
     struct umb_error detail = {.status = UMB_OK};
     enum umb_status status =
         umbw_reader_feed(&reply->reader, bytes, count, keep_message, reply, &detail);

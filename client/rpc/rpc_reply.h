@@ -55,8 +55,8 @@ UMB_CHECKED enum umb_status umb__reply_header(struct umb__reply *reply, const ui
                                               size_t name_size, const uint8_t *value,
                                               size_t value_size, struct umb_error *error);
 
-/* Takes DATA bytes, and drops those of a reply that is not gRPC. Fails: E_TOO_LARGE, E_NO_MEMORY,
- * E_PROTOCOL. */
+/* Takes the bytes of DATA frames, and drops the bytes of a reply that is not gRPC. Fails:
+ * E_TOO_LARGE, E_NO_MEMORY, E_PROTOCOL. */
 UMB_CHECKED enum umb_status umb__reply_data(struct umb__reply *reply, const uint8_t *bytes,
                                             size_t count, struct umb_error *error);
 

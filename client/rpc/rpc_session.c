@@ -186,7 +186,7 @@ static ssize_t frame_length(nghttp2_session *session, uint8_t frame_type, int32_
 static ssize_t read_body(nghttp2_session *session, int32_t stream_id, uint8_t *buffer,
                          size_t length, uint32_t *flags, nghttp2_data_source *source, void *user)
 {
-    (void)source; /* It may be freed already; the stream's user data is safe */
+    (void)source; /* The call may be freed already, but the stream's user data is valid */
     struct umb__connection *connection = user;
     struct umb__call *call = stream_call(session, stream_id);
     if (call == NULL) {
@@ -256,7 +256,7 @@ enum umb_status umb__session_create(struct umb__connection *connection, struct u
 static nghttp2_nv header(const char *name, const char *value)
 {
     nghttp2_nv pair = {.namelen = strlen(name), .valuelen = strlen(value), .flags = 0};
-    /* nghttp2 copies both, but has no const in its struct. */
+    /* nghttp2 copies name and value, but its struct has no const. */
     memcpy(&pair.name, &name, sizeof pair.name);
     memcpy(&pair.value, &value, sizeof pair.value);
     return pair;
@@ -273,7 +273,8 @@ static bool is_header_value(const char *text)
     return text[0] != '\0';
 }
 
-/* Tokens never enter HPACK's table: a proxy could be made to compare guesses with it. */
+/* Tokens never enter HPACK's table of headers: an attacker could make a proxy compare guesses with
+ * its entries. */
 static nghttp2_nv secret_header(const char *name, const char *value)
 {
     nghttp2_nv pair = header(name, value);

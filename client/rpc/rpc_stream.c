@@ -31,7 +31,8 @@ void umb__stream_take(struct umb_client_stream *stream, struct umb__call *call)
     push(stream);
 }
 
-/* Copies request bytes for the carrier; without any it is deferred. */
+/* Copies request bytes for the carrier, the call that holds the HTTP/2 stream. If there are none,
+ * the carrier is deferred. */
 static size_t read_requests(void *user, uint8_t *buffer, size_t length)
 {
     struct umb_client_stream *stream = user;
@@ -85,7 +86,8 @@ static void fail_all(struct umb_client_stream *stream, const struct umb_error *r
     umb__calls_fail(stream->client, &stream->queue, reason);
 }
 
-/* Fails the oldest sent request with the server's status: that request ended the stream. */
+/* Ends the oldest sent request with the server's status, because the server ended the stream over
+ * that request. */
 static void refuse_oldest(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *oldest = stream->sent.first;
@@ -146,7 +148,8 @@ static void on_carrier_done(void *user, enum umb_status status, const uint8_t *m
 static void make_carrier(struct umb_client_stream *stream)
 {
     struct umb_client *client = stream->client;
-    const char *asset = stream->queue.first->asset; /* Usually all requests name one asset */
+    /* Usually all requests of a stream name one asset */
+    const char *asset = stream->queue.first->asset;
     size_t asset_size = strlen(asset) + 1;
     struct umb__call *carrier = calloc(1, sizeof *carrier + asset_size);
     if (carrier == NULL) {
@@ -164,7 +167,8 @@ static void make_carrier(struct umb_client_stream *stream)
     carrier->reply.take = take_reply;
     carrier->reply.take_user = stream;
     pthread_mutex_lock(&client->lock);
-    client->pending++; /* Counted as every call; the limit of calls counts requests only */
+    client->pending++; /* Counted in the totals as every call is; only requests count against the
+                          limit of calls */
     pthread_mutex_unlock(&client->lock);
     stream->carrier = carrier;
     stream->deferred = false;
@@ -175,7 +179,7 @@ static void make_carrier(struct umb_client_stream *stream)
     (void)uv_async_send(&client->wake); /* Not every caller is followed by a dispatch */
 }
 
-/* Ends the carrier; its requests stay. */
+/* Ends the carrier; its requests stay in the stream's lists. */
 static void drop_carrier(struct umb_client_stream *stream, const struct umb_error *reason)
 {
     struct umb__call *carrier = stream->carrier;
@@ -211,8 +215,8 @@ bool umb__stream_expire(struct umb_client_stream *stream, uint64_t now_ns)
     }
     (void)umb_fail(&error, UMB_E_DEADLINE, "a request on the stream before was not answered");
     if (was_sent) {
-        drop_carrier(stream, &error); /* The only way to take back the request that the server works
-                                         on */
+        /* The only way to withdraw the request on which the server works */
+        drop_carrier(stream, &error);
         rewind_requests(stream);
     }
     struct umb__call *next;

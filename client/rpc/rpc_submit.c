@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes.Submit: hashes the files, then reads them again while they are sent. Flow control asks for
- * one message at a time, and the client's thread blocks while the next piece of a file is read.
+ * Bakes.Submit: hashes the files, then reads them again while they are sent. HTTP/2 flow control
+ * takes one message at a time. The client's thread blocks while it reads the next piece of a file.
  */
 #include "net/openssl_sha256.h"
 #include <errno.h>
@@ -24,7 +24,8 @@ struct upload {
     uint8_t *piece; /* [PIECE_BYTES] */
     int fd;         /* Descriptor of the file being sent, -1 = none */
     size_t next;    /* Index of the next file to send */
-    uint64_t left;  /* Bytes of the file still to send, of those that were hashed */
+    /* Bytes of the file that are still to be sent; in all as many are sent as were hashed */
+    uint64_t left;
     uint64_t sent, total;
     struct umb_error error;
 };

@@ -8,7 +8,8 @@
 #include <string.h>
 #include "net/tls_rules.h"
 
-/* Sets the certificate's required name: an address, or a host name, which is also sent. */
+/* Sets the name that the certificate must have: an IP address, or a host name. A host name is also
+ * sent to the server. */
 static bool expect_name(SSL *session, const char *name)
 {
     unsigned char number[sizeof(struct in6_addr)];

@@ -27,8 +27,8 @@ static void load(const struct umbw_volume_query_reply *wire, size_t field, size_
     memcpy(value, wire->fields[field] + i * bytes, bytes);
 }
 
-/* Copies intervals to their places. They are contiguous in the message; here each segment has
- * interval_max places. */
+/* Copies intervals to their places in the answers. In the message they are contiguous; in the
+ * answers each segment has interval_max places. */
 static enum umb_status take_segments(const struct umbw_volume_query_reply *wire,
                                      struct asked *asked, struct umb_error *error)
 {

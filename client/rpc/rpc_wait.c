@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ends of calls: a blocking caller waits on a condition variable, others get a callback. */
+/* How calls end: a blocking caller waits on a condition variable, an asynchronous caller gets a
+ * callback. */
 #include "base/reserved.h"
 #include "base/try.h"
 #include "rpc_client.h"
@@ -56,8 +57,8 @@ static void on_done(void *user, enum umb_status status, const uint8_t *message, 
 {
     struct waiter *waiter = user;
     status = take_reply(waiter->decode, waiter->out, status, message, size, error, waiter->error);
-    /* The signal comes before the unlock. Once the lock is free the waiter may see `finished` and
-     * free this memory. */
+    /* The signal is sent before the lock is released: once the lock is free, the waiting thread may
+     * see `finished` and free this memory. */
     pthread_mutex_lock(&waiter->lock);
     waiter->status = status;
     waiter->finished = true;
@@ -96,7 +97,7 @@ static enum umb_status end(const struct umb__ending *ending, void *context, enum
     return ending->finish != NULL ? ending->finish(context, status, error) : status;
 }
 
-/* A call without a waiting thread. */
+/* An asynchronous call, for which no thread waits. */
 struct running {
     struct umb__ending ending;
     umb_client_done_fn done;

@@ -5,8 +5,8 @@
  * The options of umbrage-bake that decide the content of the asset. A bake job may have these and
  * no others: threads, memory and tiles belong to the machine that bakes, and no job names files.
  *
- * umbrage-bake adds kinds and fields to these rows; `umbrage submit` and the daemon use them as
- * they are.
+ * umbrage-bake adds the kind and the destination of each value to these rows; `umbrage submit` and
+ * the daemon use the rows as they are.
  */
 #include "tool/options.h"
 #include "umbrage/jobs.h"
@@ -77,7 +77,7 @@
 #define UMBU_BAKE_SETTING_COUNT 15
 #define UMBU_BAKE_COLLECTED_MAX 512
 
-/* Settings as given, in their order: several may have one name. */
+/* Settings in the order in which they were given; several may have one name. */
 struct umbu_bake_settings {
     struct umb_job_setting list[UMBU_BAKE_COLLECTED_MAX];
     size_t count;

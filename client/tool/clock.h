@@ -4,8 +4,8 @@
 /*
  * The clocks of all programs. Reading one cannot fail, keeps errno and is async-signal-safe.
  *
- * umbu_clock_*: steady time since some moment before this machine's start, for deadlines and
- * durations. umbu_unix_ms: time of day, which may jump. umbu_*_cpu_*: processor time used.
+ * umbu_clock_*: steady time that counts from an unspecified moment, for deadlines and durations.
+ * umbu_unix_ms: time of day, which may jump. umbu_*_cpu_*: processor time used.
  */
 #include <stdint.h>
 #include <time.h>

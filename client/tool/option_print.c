@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Options as text: the help, the config file, and the rows that other tools read. */
+/* Prints options as text: --help, a config file, and the rows of --print-options that other tools
+ * read. */
 #include "tool/options.h"
 
 #include <string.h>

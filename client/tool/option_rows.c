@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The rows of a command, with those that the settings of queries give (base/query_settings.h). */
+/* The rows of a command's options, completed by the table of query settings
+ * (base/query_settings.h). */
 #include "tool/options.h"
 
 #include <math.h>
@@ -38,7 +39,7 @@ static bool has_row(const struct umbu_command *command, const char *setting)
     return false;
 }
 
-/* Makes the row of a setting, with what its option gives. */
+/* Makes the row of a query setting, completed by what its option gives. */
 static void make_row(const struct umbu_option *option, const struct umb__setting *setting,
                      struct umbu_row *row)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Values of options: text into fields, and the sentence that refuses a text.
+ * Turns the text of an option's value into a field, or makes the sentence that refuses the text.
  *
  * Numbers are read under the "C" locale: no program calls setlocale.
  */

@@ -241,7 +241,8 @@ static void condition_text(const char *condition, size_t length, char *text, siz
     text[used] = '\0';
 }
 
-/* Checks the conditions of a given option: each must hold or, if not `wanted`, none may. */
+/* Checks the conditions of an option that was given: all of them must hold if `wanted`, none of
+ * them may hold otherwise. */
 static enum umb_status check_row(const struct umbu_parsed *parsed, const struct umbu_option *option,
                                  const char *conditions, bool wanted, struct umb_error *error)
 {

@@ -81,31 +81,32 @@ struct umbu_option {
     const char *help;  /* One phrase: what the option sets, unit and range; no full stop */
     enum umbu_kind kind;
     enum umbu_type type;
-    size_t at;             /* Offset in bytes of the field in the section's settings */
-    uint64_t min, max;     /* Range of an integer, of bytes or of milliseconds */
-    double low, high;      /* Range of a number; high of UMBU_KIND_SIDES: most pixels, 0 = any */
-    unsigned count;        /* Number of values of UMBU_KIND_NUMBERS */
-    bool above;            /* True if the range leaves out its lower end */
-    bool as_log2;          /* True if the field gets the exponent of the power of two */
-    const char *choices;   /* Words, "text|f32|f64"; an empty one is an index that has no word */
-    const char *unit;      /* Unit that may follow a number, as "deg" */
-    double scale;          /* Factor from the number to the field, 0 = 1 */
-    umbu_read_fn read;     /* Reader of UMBU_KIND_READ, or check of one text of UMBU_KIND_LIST */
-    const char *expects;   /* Words for what `read` takes; refusals put "give " before them */
+    size_t at;           /* Offset in bytes of the field in the section's settings */
+    uint64_t min, max;   /* Range of an integer, of bytes or of milliseconds */
+    double low, high;    /* Range of a number; high of UMBU_KIND_SIDES: most pixels, 0 = any */
+    unsigned count;      /* Number of values of UMBU_KIND_NUMBERS */
+    bool above;          /* True if the range leaves out its lower end */
+    bool as_log2;        /* True if the field gets the exponent of the power of two */
+    const char *choices; /* Words, "text|f32|f64"; an empty one is an index that has no word */
+    const char *unit;    /* Unit that may follow a number, as "deg" */
+    double scale;        /* Factor from the number to the field, 0 = 1 */
+    umbu_read_fn read;   /* Reader of UMBU_KIND_READ, or check of one text of UMBU_KIND_LIST */
+    /* Words for what `read` accepts; messages of refusal put "give " before them */
+    const char *expects;
     const char *standard;  /* Default value, read like any other; NULL leaves the field at zero */
     const char *otherwise; /* Default in words, where it is no constant; for --help */
     const char *needs;     /* Conditions that must hold: "camera|path format=f32|f64" */
     const char *excludes;  /* Conditions that must not hold, in the same form */
     const char *fields;    /* Names that errors of the library use: "footprint|footprint_m" */
-    const char *setting;   /* Setting of a query that the row is for (base/query_settings.h), or
-                              NULL. It gives name, value, help, kind and range where the row
-                              leaves them out. "*": a row for each setting that no other row of
-                              the command has in `setting` or `fields` */
-    char letter;           /* Short form, 0 = none */
-    bool needed;           /* True if the command cannot do without it */
-    bool alone;            /* True if nothing else is read or checked with it, as --version */
-    bool not_in_file;      /* True if no config file has it */
-    bool may_be_empty;     /* True if an empty text is a value */
+    /* Name of the query setting that the row sets (base/query_settings.h), or NULL. The setting
+     * gives name, value, help, kind and range where the row leaves them out. "*" stands for a row
+     * for each setting that no other row of the command has in `setting` or `fields` */
+    const char *setting;
+    char letter;       /* Short form, 0 = none */
+    bool needed;       /* True if the command cannot do without it */
+    bool alone;        /* True if nothing else is read or checked with it, as --version */
+    bool not_in_file;  /* True if no config file has it */
+    bool may_be_empty; /* True if an empty text is a value */
 };
 
 /* Place of a value: a field of the section's settings, and its type. */
@@ -160,8 +161,9 @@ struct umbu_option {
     "bias", "BIAS", "distance that points move off their surface: auto, none, 1.5vox or 0.02m",    \
         UMBU_BIAS, UMBU_AT(type_, member), .otherwise = "auto", .fields = "bias|bias_mode"
 
-/* Rows for the settings of a query that have no row, in a struct umb_query_settings. not_taken:
- * names of settings that the command does not take, "a|b". The caller adds the braces. */
+/* Stands for a row for each query setting that no other row sets; the values go to a struct
+ * umb_query_settings. not_taken: names of settings that the command does not take, "a|b". The
+ * caller adds the braces. */
 #define UMBU_OTHER_SETTINGS(type_, member, not_taken)                                              \
     .setting = "*", UMBU_AT(type_, member), .fields = (not_taken)
 
@@ -197,8 +199,9 @@ struct umbu_parsed {
 void umbu_begin(struct umbu_parsed *parsed, const struct umbu_command *command, void *settings);
 
 /*
- * Reads argv[1] to argv[argc - 1]; texts are borrowed from there. A list that an earlier source
- * gave is replaced. Fails: E_ARGUMENT naming the option, the value and what to give instead.
+ * Reads argv[1] to argv[argc - 1]; texts are borrowed from there. A list from an earlier source,
+ * such as a config file, is replaced. Fails: E_ARGUMENT naming the option, the value and what to
+ * give instead.
  */
 UMB_CHECKED enum umb_status umbu_take_arguments(struct umbu_parsed *parsed, int argc, char **argv,
                                                 struct umb_error *error);
@@ -232,7 +235,8 @@ int umbu_end(const struct umbu_command *command, enum umb_status status,
 /* Returns true if the option or argument of row `name` was given. Aborts without such a row. */
 bool umbu_given(const struct umbu_parsed *parsed, const char *name);
 
-/* Fails with E_ARGUMENT; the message has option, value, and what to give. For readers. */
+/* For readers of options: fails with E_ARGUMENT. The message has the option, the value, and what to
+ * give instead. */
 enum umb_status umbu_refuse(const struct umbu_option *option, const char *text,
                             struct umb_error *error);
 

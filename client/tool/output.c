@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Atomic replacement of a file: temporary beside it, fsync, rename, fsync of the folder.
+ * Replaces a file atomically: writes a temporary beside it, syncs the temporary, renames it, and
+ * syncs the folder.
  *
  * Invariants: the target is never opened for writing, unless it is a device or pipe. A temporary is
  * made with O_EXCL, so two writers never share one. After a failed write or fsync nothing is
@@ -32,7 +33,7 @@
  */
 static const int ending_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
 #define SIGNAL_COUNT (sizeof ending_signals / sizeof ending_signals[0])
-static char doomed[PATH_MAX]; /* name of the temporary while `armed` */
+static char doomed[PATH_MAX]; /* Name of the temporary, valid while `armed` */
 static atomic_int armed;      /* lock-free: allowed in a handler */
 
 static void on_signal(int number)
@@ -96,7 +97,8 @@ static char *folder_of(const char *path)
     return length == 0 ? strdup(".") : strndup(path, length);
 }
 
-/* Refuses a target that a rename must not replace. Out: info: st_mode 0 = the target is new. */
+/* Refuses a target that a rename must not replace. Out: info: data of the target; st_mode is 0 if
+ * there is no target yet. */
 static enum umb_status check_target(const char *path, unsigned flags, struct stat *info,
                                     struct umb_error *error)
 {
@@ -377,7 +379,7 @@ static int close_output(struct umbu_output *output)
 static enum umb_status flush(struct umbu_output *output, struct umb_error *error)
 {
     if (output->system_error == 0 && output->file != NULL) {
-        if (ferror(output->file)) { /* an fprintf failed, and its errno is lost */
+        if (ferror(output->file)) { /* A fprintf failed, and its errno is no longer known */
             output->system_error = EIO;
         } else if (fflush(output->file) != 0) {
             output->system_error = errno;

@@ -68,9 +68,11 @@ void umbu_output_abandon(struct umbu_output *output);
 struct umb_sink umbu_output_sink(struct umbu_output *output);
 
 /*
- * Completes the error of a core writer, which knows only that its sink failed.
+ * Completes the error message of a writer function of the core, which knows only that its sink
+ * failed.
  *
- * In: status: result of the writer. error: a message of the writer stays. Returns the status.
+ * In: status: result of the writer. error: if the writer made a message, the message stays. Returns
+ *     the status.
  */
 enum umb_status umbu_output_explain(const struct umbu_output *output, enum umb_status status,
                                     struct umb_error *error);
@@ -104,8 +106,8 @@ bool umbu_output_is_stdout(const char *path);
 FILE *umbu_output_talk(const char *path);
 
 /*
- * Makes the names in a folder durable. File systems that cannot sync a folder (EINVAL, ENOTSUP)
- * have nothing to wait for. _at opens the folder relative to the descriptor parent (AT_FDCWD).
+ * Makes the names in a folder durable. If the file system cannot sync a folder (EINVAL, ENOTSUP),
+ * that counts as success. _at opens the folder relative to the descriptor parent (AT_FDCWD).
  * Returns 0, or -1 with errno.
  */
 int umbu_folder_sync(int folder);

@@ -33,7 +33,8 @@ void umbu_progress_show(struct umbu_progress *progress, double done, double shar
 /* Removes the line. */
 void umbu_progress_end(struct umbu_progress *progress);
 
-/* Writes the text of the line: a pure function. In: seconds: since the begin, above 0. */
+/* Writes the text of the line: a pure function. In: seconds: seconds since umbu_progress_begin,
+ * above 0. */
 void umbu_progress_text(char *text, size_t size, const char *unit, double done, double share,
                         double seconds);
 

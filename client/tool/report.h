@@ -5,7 +5,7 @@
  * Reports as one HTML file that needs no network: a common head (report_head.html: style, charts,
  * tables), the data as JSON, and a page that draws from it.
  *
- * The Makefile turns NAME.html into the bytes umbu_page_NAME.
+ * The Makefile turns NAME.html into the byte array umbu_page_NAME.
  */
 #include <stddef.h>
 #include <stdio.h>

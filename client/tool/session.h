@@ -17,7 +17,8 @@
 
 #define UMBU_DEFAULT_ADDRESS "tcp:127.0.0.1:7420"
 
-/* Address, TLS and token, from the options and the environment; borrowed from both. */
+/* Address, TLS settings and token of a connection, from the options and the environment; borrowed
+ * from both. */
 struct umbu_session {
     const char *address;               /* Address of the daemon; NULL or empty: not given */
     struct umb_client_options options; /* TLS and token from here; a command may set others */
@@ -32,7 +33,7 @@ extern const struct umbu_option UMBU_SESSION_OPTIONS[UMBU_SESSION_COUNT];
         "the daemon", UMBU_SESSION_OPTIONS, UMBU_SESSION_COUNT, offsetof(type, field)              \
     }
 
-/* Row of the option --stall-timeout, for commands that send or fetch files. type: type of the
+/* Row of the option --stall-timeout, for commands that send or fetch files. In: type: type of the
  * command's settings. */
 #define UMBU_STALL_ROW(type)                                                                       \
     {                                                                                              \

@@ -19,8 +19,9 @@ struct worker {
 
 struct umbu_threads {
     pthread_mutex_t lock;
-    pthread_cond_t wake; /* signals slices to take, or the end */
-    pthread_cond_t idle; /* signals the last slice; any slice if the owner waits for one */
+    pthread_cond_t wake; /* Signals that there are slices to take, or that the threads must end */
+    /* Signals that the last slice is done; any slice if the owner waits for one */
+    pthread_cond_t idle;
     umbu_slice_fn run;
     void *user;
     uint32_t next, count, done;

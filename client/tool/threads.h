@@ -23,11 +23,12 @@
 
 struct umbu_threads; /* opaque */
 
-/* One slice. thread: 0 (the owner) .. threads - 1; no two slices under way have the same. */
+/* Runs one slice. In: thread: 0 (the owner) .. threads - 1; no two slices under way have the same
+ * number. */
 typedef void (*umbu_slice_fn)(void *user, uint32_t slice, unsigned thread);
 
 /*
- * Starts threads; if the system refuses some, the others do the work.
+ * Starts threads. If the system refuses to start some, the others do the work.
  *
  * In: threads: number with the owner, at least 1. Fails: E_NO_MEMORY.
  */
@@ -38,13 +39,14 @@ UMB_CHECKED enum umb_status umbu_threads_create(unsigned threads, struct umbu_th
 void umbu_threads_start(struct umbu_threads *threads, umbu_slice_fn run, void *user,
                         uint32_t count);
 
-/* Helps and waits until all started slices are done. tick: called between slices; may be NULL. */
+/* Runs slices on the owner's thread, too, and waits until all started slices are done. In: tick:
+ * called between slices; may be NULL. */
 void umbu_threads_wait(struct umbu_threads *threads, void (*tick)(void *user), void *tick_user);
 
 /*
- * Helps until is_done returns nonzero, or all slices are done. is_done may run while a slice is
- * still under way: it must read with acquire a value that the slice wrote last, with release. It
- * must be quick and must not call these threads.
+ * Runs slices on the owner's thread, too, until is_done returns nonzero or all slices are done.
+ * is_done may run while a slice is still under way: it must read with acquire a value that the
+ * slice wrote last, with release. It must be quick and must not call these threads.
  */
 void umbu_threads_wait_until(struct umbu_threads *threads, int (*is_done)(void *user), void *user);
 

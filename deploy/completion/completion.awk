@@ -5,7 +5,7 @@
 # A command is known under each name that leads to it: `umbrage render` and `umbrage-study render`.
 BEGIN { FS = "\t"; count = 0 }
 
-# A name once more, in the order of their first use.
+# Records a name, once, in the order of first use.
 function add_name(name) {
     if (!(name in words)) {
         names[++count] = name
@@ -31,7 +31,7 @@ $5 == "command" || $5 == "program" {
 }
 $2 ~ /^--/ { rows[++row_count] = $0 }
 
-# Options of a name: its own rows, and those of the command that it starts.
+# Options of a command's name: its own rows, and those of the program that it starts.
 END {
     for (r = 1; r <= row_count; r++) {
         $0 = rows[r]
@@ -55,7 +55,7 @@ END {
     if (shell == "fish") print_fish()
 }
 
-# What completes a value: words of a choice, "file", or "" for nothing.
+# Returns how an option's value is completed: the words of a choice, "file", or "" for nothing.
 function values_of(fields) {
     if (fields[6] != "") {
         gsub(/\|+/, " ", fields[6])
@@ -118,7 +118,7 @@ function print_bash(    i, k, n, lines, fields, letter) {
     print "complete -F _umbrage umbrage umbraged umbrage-bake umbrage-study"
 }
 
-# A text inside of zsh's '--option[text]:name:action'.
+# Escapes a text for its place in zsh's '--option[text]:name:action'.
 function zsh_text(text) {
     gsub(/\\/, "\\\\", text)
     gsub(/:/, "\\:", text)
@@ -176,7 +176,7 @@ function fish_text(text) {
     return "'" text "'"
 }
 
-# The condition under which fish offers the options of a name.
+# Returns the condition under which fish offers the options of a command's name.
 function fish_condition(name,    parts) {
     split(name, parts, " ")
     if (parts[2] != "") return "__fish_seen_subcommand_from " parts[2]

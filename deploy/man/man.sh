@@ -1,11 +1,12 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Makes a man page of its template: a line `@help COMMAND...@` becomes what that command prints, its
-# options as tagged paragraphs, so that a page never says anything else than --help. BUILD: where
-# the programs are. stdin, stdout.
+# Makes a man page (stdout) from its template (stdin). A line `@help COMMAND...@` is replaced by the
+# output of that command, with its options as tagged paragraphs, so that page and --help always
+# agree. BUILD: folder of the programs.
 set -eu
 
-# Text as roff shows it unchanged; options (two blanks, a name, the help from column 27 on) as .TP.
+# Converts help texts to roff: text is shown unchanged; options (two blanks, a name, the help from
+# column 27 on) become .TP.
 roff() {
     awk '
         function escaped(text) {
@@ -44,7 +45,7 @@ while IFS= read -r line; do
     @help\ *@)
         words=${line#@help }
         words=${words%@}
-        # Split on purpose: a program and its arguments.
+        # Without quotes on purpose: the shell splits the words into a program and its arguments.
         # shellcheck disable=SC2086
         "$BUILD"/$words | roff
         ;;

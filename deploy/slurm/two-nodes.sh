@@ -1,12 +1,13 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# A Slurm controller and two virtual nodes of one CPU each on this machine, for tests (root; packages
-# slurm-wlm and munge). Everything but munge's key and socket lies in the folder.
+# Starts and stops a Slurm controller and two virtual nodes of one CPU each on this machine, for
+# tests. It needs root and the packages slurm-wlm and munge. All files but munge's key and socket are
+# in DIR.
 #
 #     deploy/slurm/two-nodes.sh up DIR       prints SLURM_CONF=FILE, for the environment of umbraged
 #     deploy/slurm/two-nodes.sh down DIR
 #
-# PORT: the controller's, the nodes take the two after it (16817).
+# PORT: port of the controller (default 16817); the nodes take the two ports after it.
 set -eu
 action=${1:-}
 folder=${2:-}

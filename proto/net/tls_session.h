@@ -5,11 +5,12 @@
  * TLS of one connection, without I/O. A session turns records into plain bytes and plain bytes into
  * records.
  *
- *     umbn_tls_create, umbn_tls_open without bytes (sends a client's hello),
- *     umbn_tls_open for received bytes, umbn_tls_seal for bytes to send, umbn_tls_destroy.
+ *     Life: umbn_tls_create; umbn_tls_open without bytes, which sends a client's hello;
+ *     umbn_tls_open for received bytes and umbn_tls_seal for bytes to send; umbn_tls_destroy.
  *
- * OpenSSL's records go straight to the owner's sink, in calls of open, seal and bye. A session has
- * no buffer, so an idle connection costs no buffer memory. Threads: a session has one owner.
+ * OpenSSL's records go straight to the owner's sink, during calls of umbn_tls_open, _seal and _bye.
+ * A session has no buffer, so an idle connection costs no buffer memory. Threads: a session has one
+ * owner.
  */
 #include <openssl/ssl.h>
 #include <stdbool.h>

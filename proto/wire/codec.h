@@ -36,7 +36,8 @@
 #include "umbrage/status.h"
 #include "wire/messages.h"
 
-/* Most fields of a message, or of a single sub-message, unknown ones too: 1 ms of reading */
+/* Most fields of a message or of a single sub-message, unknown fields included. So many take 1 ms
+ * to read */
 #define UMBW_FIELDS_MAX  65536
 #define UMBW_NESTED_MAX  (1 << 20) /* Most fields of all its sub-messages */
 #define UMBW_ROWS_MAX    63        /* Most rows of a table: the decoder has a bit for each */
@@ -62,9 +63,9 @@ struct umbw_row {
     uint32_t number;          /* Number of the field in the .proto file */
     uint32_t flags;           /* enum umbw_row_flags */
     size_t offset, size;      /* Place and bytes of the member */
-    size_t count, count_size; /* Place and bytes of the member that holds the count of elements or
-                                 bytes, or 1 if the field is present; count_size 0: no such
-                                 member */
+    size_t count, count_size; /* Place and bytes of the member for the number of elements or bytes;
+                                 for a single field it is set to 1 if the field is present.
+                                 count_size 0: no such member */
     size_t stride;            /* Distance of elements in bytes; 0: none */
     double most;              /* Largest number, most elements, or most bytes of a single
                                  sub-message, all its pieces together; 0: no limit */
@@ -91,8 +92,8 @@ struct umbw_table {
     atomic_uint_fast64_t *bits;
     const char *prefix; /* Beginning of the fields' names in errors: "lights." */
     size_t size;        /* Bytes of the struct */
-    /* Place of the pointer to the memory of arrays and texts, for free(). block_size 0: the struct
-     * has no such memory. */
+    /* Place in the struct of the pointer that the caller frees, to the memory of arrays and texts.
+     * block_size 0: the struct has no such memory. */
     size_t block, block_size;
 };
 

@@ -32,12 +32,13 @@ struct decoder {
     uint8_t *block; /* Memory for arrays and texts; NULL: they are only counted */
     size_t used;    /* Bytes of the block in use */
     size_t nested;  /* Number of fields of sub-messages so far */
-    size_t unknown; /* Number of those that their tables do not have */
+    size_t unknown; /* Number of fields that their tables do not have */
     struct umb_error *error;
 };
 
-/* Bytes of a message, in pieces: the current piece, and the part of the parent that may hold
- * further pieces of the sub-message `number`. The parent is a whole message. */
+/* The bytes of a message. A sub-message may come in several pieces within its parent. Then this is
+ * the current piece, with the rest of the parent, where further pieces of field `number` may
+ * follow. The parent is a whole message. */
 struct span {
     const uint8_t *start, *at, *end;
     const uint8_t *parent, *more, *more_end;
@@ -200,8 +201,9 @@ static uint32_t wire_type(const ProtobufCFieldDescriptor *field)
     }
 }
 
-/* Index of a field in the descriptor's order; n_fields: the message does not have it. The numbers
- * are stored as ranges, of which a message has few; the range behind the last marks the end. */
+/* Returns the index of a field in the descriptor's order; n_fields if the message does not have it.
+ * The numbers are stored as ranges, of which a message has few; the range behind the last marks the
+ * end. */
 static inline unsigned index_of(const ProtobufCMessageDescriptor *message, uint32_t number)
 {
     const ProtobufCIntRange *range = message->field_ranges;
@@ -217,7 +219,7 @@ static inline unsigned index_of(const ProtobufCMessageDescriptor *message, uint3
 /* Fields of a message that the scan found, a bit for each, in the order of the table. */
 struct seen {
     uint64_t bits;
-    struct found fields[UMBW_ROWS_MAX]; /* Set for these bits only */
+    struct found fields[UMBW_ROWS_MAX]; /* Set where `bits` has a bit */
 };
 
 static enum umb_status note_item(struct decoder *decoder, const struct umbw_table *table,
@@ -611,9 +613,9 @@ static inline struct span whole(const uint8_t *message, size_t size)
     return (struct span){.start = start, .at = start, .end = start + size};
 }
 
-/* Decodes a message with arrays or texts. In: head: number of bytes in the block before them. out:
- * the struct; NULL: the struct is at the start of the block. Out: block: the caller frees it, on
- * failure too. */
+/* Decodes a message with arrays or texts. In: head: number of bytes at the start of the block,
+ * before the arrays and texts. out: the struct; NULL: the struct is at the start of the block. Out:
+ * block: the caller frees it, on failure too. */
 static enum umb_status decode_block(const struct umbw_table *table, const struct span *span,
                                     void *out, size_t head, uint8_t **block,
                                     struct umb_error *error)

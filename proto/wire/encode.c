@@ -15,7 +15,7 @@
 struct sink {
     uint8_t *bytes;         /* NULL: only counts */
     size_t size;            /* Bytes so far */
-    size_t last;            /* Bytes behind them, which the caller appends */
+    size_t last;            /* Bytes at the message's end that the caller appends */
     enum umb_status status; /* UMB_OK, or a failure */
     struct umb_error *error;
 };

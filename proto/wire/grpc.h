@@ -114,7 +114,7 @@ void umbw_reader_finish(struct umbw_reader *reader);
  * Out:   out: malloc, free() it; NULL on failure.
  * Fails: E_TOO_LARGE, E_ARGUMENT (not one whole gzip stream), E_NO_MEMORY.
  * Trust: safe on hostile bytes. A stream that states too large a size is refused before it is
- *        inflated; one that holds more than it states, or less, is refused where that shows.
+ *        inflated; one that holds more or less than it states is refused as soon as this is found.
  */
 UMB_CHECKED enum umb_status umbw_gunzip(const uint8_t *bytes, size_t size, size_t max,
                                         uint8_t **out, size_t *out_size, struct umb_error *error);

@@ -39,7 +39,7 @@ static const struct timeout_unit TIMEOUT_UNITS[] = {
 static const struct {
     const char *name;
     enum umb_status received;
-    enum umb_status sent[SENT_MOST]; /* UMB_OK ends them */
+    enum umb_status sent[SENT_MOST]; /* UMB_OK ends the list */
 } CODES[] = {
     {"OK", UMB_OK, {UMB_OK}},
     {"CANCELLED", UMB_E_CANCELLED, {UMB_E_CANCELLED}},

@@ -9,8 +9,8 @@
 #define GZIP_ONLY  (15 + 16) /* windowBits of zlib: the largest window, gzip framing */
 #define GZIP_LEAST 18        /* Bytes of head and end: no stream is shorter */
 
-/* The size before compression, which a stream of gzip has in its last four bytes (RFC 1952). zlib
- * compares it with what came out. */
+/* Returns the size before compression, which a gzip stream states in its last four bytes (RFC
+ * 1952). zlib compares this size with that of its output. */
 static size_t stated_size(const uint8_t *bytes, size_t size)
 {
     const uint8_t *end = bytes + size - 4;

@@ -93,7 +93,8 @@ struct umbw_query_request {
     /* Targets of a decoded request, in place of asset and light, which are then empty and 0. */
     size_t target_count;
     const uint8_t *targets_at, *targets_end; /* Place where umbw_query_target_next continues */
-    /* Fields in the message's form; the codec makes them from `points` and back. */
+    /* The points as the message stores them; the codec converts between these fields and
+     * `points`. */
     struct umbw_bytes f32, f64, normals, footprints, depth;
     size_t eye_count; /* Numbers of settings.eye: 3 or 0 */
 };

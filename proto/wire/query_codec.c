@@ -31,7 +31,8 @@ UMBW_TABLE(PICTURE, umbrage__v1__picture, PICTURE_ROWS, "picture.", sizeof(struc
 #define BYTES(member)                                                                              \
     UMBW_AT(umbw_query_request, member.at), UMBW_COUNT(umbw_query_request, member.size)
 
-/* Fields that are no settings, and settings that the message has in another form. */
+/* Fields of the message that are no query settings, and settings that the message stores in another
+ * form than the struct. */
 static const struct umbw_row OTHER_ROWS[] = {
     {1, FIELD(asset), .flags = UMBW_CHECKED},
     {6, FIELD(settings.format), .flags = UMBW_CHECKED | UMBW_FILLED, .values = FORMATS},
@@ -118,8 +119,9 @@ static bool is_dialled(const struct umb_dial *dial)
     return dial->max_error_m > 0 || dial->max_visibility > 0 || dial->budget_ns > 0;
 }
 
-/* Checks the limits of the dial: finite numbers, and no taps or level beside them, which the dial
- * chooses. */
+/* Checks the limits of a dial (struct umb_dial: limits of error and time, by which the server
+ * chooses taps and level). They must be finite, and the request must set no taps and no level
+ * itself. */
 static enum umb_status check_dial(const struct umbw_query_request *request, struct umb_error *error)
 {
     const uint32_t taps = request->settings.taps, level = request->settings.level;

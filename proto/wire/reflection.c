@@ -27,7 +27,8 @@ struct span {
     size_t size;
 };
 
-/* Field numbers of the kinds of named things in a descriptor; 0 ends the list. */
+/* Numbers of the fields of a descriptor that hold named things: messages, enums, services, methods.
+ * 0 ends the list. */
 struct children {
     uint32_t number;
     const struct children *of; /* Kinds that such a child may hold */

@@ -40,7 +40,8 @@ struct umbw_volume_query_request {
     size_t count;
     uint32_t max_intervals; /* Most intervals of a segment that are sent */
     int want_stats;
-    /* Fields in the message's form; the codec makes them from `records` and back. */
+    /* The records as the message stores them; the codec converts between these fields and
+     * `records`. */
     struct umbw_bytes f32, f64;
 };
 

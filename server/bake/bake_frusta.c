@@ -148,9 +148,9 @@ static enum umb_status bake_one(struct series *series, const struct umbb_casters
     return status;
 }
 
-/* Bakes a frustum under the static rule. The rule moves `end` away from `lit`, which needs the
- * arrays of the closed rule. So if no caster is closed, all casters count as open under the closed
- * rule. */
+/* Bakes a frustum under the static rule. This rule gives texels an `end` other than `lit`, and only
+ * bakes under the closed rule have an array for `end`. So a bake without the closed rule gets it
+ * here, with all casters marked as open. */
 static enum umb_status bake_static(struct series *series, const struct umbb_casters *casters,
                                    uint32_t number, uint32_t *root, struct umb_error *error)
 {

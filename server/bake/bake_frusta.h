@@ -26,8 +26,8 @@ struct umbb_frusta_job {
     /* Result: the occluder depth map; NULL: not wanted. */
     struct umbb_occluder_depth_words *occluder_depth;
     size_t occluder_depth_max_bytes; /* limit of the map: umbb_head_occluder_depth_bytes */
-    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] Result: the cells with receivers. Turns on the
-     * static rule; NULL: off. */
+    /* [frustum_count][UMB__RECEIVER_MASK_WORDS] Result: the cells with receivers. The static rule
+     * is on if this is not NULL. */
     uint64_t *receiver_mask_cells;
 };
 

@@ -17,24 +17,26 @@
 #define GROWTH_MIN 1.0
 #define GROWTH_MAX 4.0 /* areas */
 
-/* Share of a trend of the bytes for each estimated byte that goes on from doubling to doubling, and
- * what references to shared nodes add to these bytes as copies grow e times. */
+/* The density is the number of packed bytes for each estimated byte of nodes. DENSITY_TREND: share
+ * of its last change that continues at each doubling. REFERENCES: growth of the density, by
+ * references to shared nodes, when copies grow e times. */
 #define DENSITY_TREND 0.8
 #define DENSITY_MIN   0.4
 #define REFERENCES    0.06
 
-/* Limit of the growth of what copies would add, and its decline from doubling to doubling. */
+/* Limit of the growth of the bytes that copies of nodes would add, and the share of that growth
+ * that continues at each doubling. */
 #define COPIES_GROWTH_MAX   3.0
 #define COPIES_GROWTH_TREND 0.7
 /* Factor by which the forecast of copies may be wrong, as a logarithm. */
 #define COPIES_DOUBT 0.7
 
-/* Limit of the growth of the ratio of closed to open bytes in a doubling: closed solids save more
- * at each doubling, or as much. */
+/* Limit of the growth of the ratio of bytes, closed rule to open rule, in a doubling. The closed
+ * rule saves about the same share or more at each doubling. */
 #define RATIO_RISE_MAX 1.05
 
-/* Estimated bytes of each level at three resolutions that double: the last one is c. Levels that a
- * resolution lacks have 0. */
+/* Estimated bytes of each level at three resolutions, each twice the one before: a, b and c. Levels
+ * that a resolution lacks have 0. */
 struct levels {
     double a[UMB_LEVEL_MAX + 2], b[UMB_LEVEL_MAX + 2], c[UMB_LEVEL_MAX + 2];
 };
@@ -49,7 +51,8 @@ static const struct umbb_costs *before_of(const struct umbb_growth_samples *samp
     return &samples->costs[samples->count - 2];
 }
 
-/* Growth of a level over the last doubling, and over the one before, if that is known. */
+/* Computes the factors by which a level grew: growth[1] over the last doubling, growth[0] over the
+ * one before. If that is unknown, both are equal. */
 static void growth_of(const struct levels *levels, uint32_t level, double growth[2])
 {
     growth[1] = levels->c[level] / levels->b[level];

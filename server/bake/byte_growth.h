@@ -5,9 +5,9 @@
  * Bytes of nodes and of packed files at a resolution, from bakes at lower ones.
  *
  * The bytes of the nodes of each level, each node once, are continued from one doubling to the
- * next: a level's growth follows its own trend and that of the level below. So is the ratio of the
- * two rules, which changes more steadily than either. These two use no function of libm, because
- * ids depend on them.
+ * next: a level's growth follows its own trend and that of the level below. The ratio of the bytes
+ * under the closed and the open rule is continued in the same way, because it changes more steadily
+ * than the bytes of either. Both forecasts use no function of libm, because ids depend on them.
  *
  * Packed bytes add the bytes of the file for each byte of nodes, which follow their own trend.
  */

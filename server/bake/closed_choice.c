@@ -12,7 +12,8 @@
 #define TRIANGLE_S   0.15e-6
 #define SUN_TEXEL_S  4e-9
 #define LAMP_TEXEL_S 15e-9
-/* The same of the import, the analysis and the comparison with rays, for each triangle. */
+/* Processor time of the import, the analysis and the comparison with rays together, in seconds for
+ * each triangle. */
 #define REST_TRIANGLE_S 2e-6
 
 /* Limits of the time of the choice: seconds, or a share of the bake. */

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_BAKE_PLAN_CHOICES_H
 #define UMBRAGE_SERVER_BAKE_PLAN_CHOICES_H
 /*
- * What is decided and priced by small bakes: the resolution of --max-error, closed or open, and
- * what sharp BLEND materials would take as cut-outs.
+ * Choices and prices found by small bakes: the resolution of --max-error, the closed or the open
+ * rule, and the bytes of sharp BLEND materials as cut-outs.
  */
 #include "bake/small_bake.h"
 

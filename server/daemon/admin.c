@@ -251,7 +251,8 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
     }
 }
 
-/* The acceptor tries again with the next tick. The gRPC listeners log which resource is short. */
+/* Ignores a refused connection: the acceptor tries again with the next tick, and the gRPC listeners
+ * log which resource is short. */
 static void on_refused(struct umbd_acceptor *acceptor, int code)
 {
     (void)acceptor;

@@ -37,7 +37,7 @@ static int jobs_is_served(void *user, const uint8_t *asset)
     umb_id_to_text(asset, id);
     enum umb_status status = umbs_store_acquire(daemon->backend.store, id, &entry, &error);
     if (status == UMB_OK && umbs_entry_is_replaced(entry)) {
-        status = UMB_E_NOT_FOUND; /* the version before it */
+        status = UMB_E_NOT_FOUND; /* this is the version that is being replaced */
     }
     umbs_entry_release(entry);
     return status == UMB_OK ? 1 : status == UMB_E_NOT_FOUND ? 0 : -1;

@@ -107,8 +107,8 @@ static bool is_in_path(const char *name)
     return false;
 }
 
-/* Only --check tests Slurm's programs. A start does not, because a cluster may be upgraded under a
- * running daemon. */
+/* Tests Slurm's programs. Only --check does so; a start does not, because a cluster may be upgraded
+ * under a running daemon. */
 static enum umb_status check_slurm(struct umb_error *error)
 {
     static const char *const names[] = {"sbatch", "squeue", "scancel", "scontrol"};

@@ -139,8 +139,8 @@ static struct umbd_daemon *daemon_of(struct umbd_server *server)
     return (struct umbd_daemon *)(void *)server;
 }
 
-/* Sends the service manager a sign of life when one is due. If any loop has not ticked for that
- * interval, nothing is sent, so the manager notices a hanging loop. */
+/* Sends the service manager a sign of life when one is due. If any loop has not ticked for the
+ * watchdog interval, nothing is sent, so the manager notices a hanging loop. */
 static void on_tick(struct umbd_server *server, uint64_t now_ms)
 {
     struct umbd_daemon *daemon = daemon_of(server);

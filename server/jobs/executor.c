@@ -119,7 +119,8 @@ static void free_texts(struct umbj_work *work)
     free((void *)work->cache);
 }
 
-/* Replaces a borrowed text by a copy; returns 0 if out of memory: it is then NULL. */
+/* Replaces a borrowed text by a copy. If memory is short, the text becomes NULL and the result is
+ * 0. */
 static int own(const char **text)
 {
     const int given = *text != NULL; /* there may be no cache */

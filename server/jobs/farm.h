@@ -5,8 +5,9 @@
  * A farm runs commands on other machines. Its interface has four calls: submit, status, cancel,
  * reconcile. Slurm is a farm (slurm_farm.c).
  *
- * The farm's answers are not trusted. A task has ended when its end file is in the folder of its
- * stage, which all machines share. The task's own script gives that file its name:
+ * The farm's answers are not trusted. The tasks of one command are a stage. A task has ended when
+ * its end file is in the stage's folder, which all machines share. The task's own script gives that
+ * file its name:
  *
  *     done.NUMBER                   output of the command
  *     fail.NUMBER.CODE.SERIAL       the same; CODE: exit code as a shell has it, over 128 a signal

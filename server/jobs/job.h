@@ -32,7 +32,7 @@ enum umbj_state {
     UMBJ_STATE_COUNT,
 };
 
-/* Why a try ended without an asset. */
+/* Reason why a try ended without an asset. */
 enum umbj_failure {
     UMBJ_NO_FAILURE = 0,
     UMBJ_REJECTED,  /* the scene or its settings are unusable (exit codes 65, 2, 66) */
@@ -56,7 +56,7 @@ struct umbj_job {
     enum umbj_failure failure; /* failure of the last try */
     int priority;              /* -10..10, higher first */
     int64_t epoch;             /* epoch of the last claim; 0 = never claimed */
-    int64_t tries, hard_tries; /* claims that failed; those that took the worker down */
+    int64_t tries, hard_tries; /* number of failed tries; of those that took the worker down */
     int64_t submitted_ms, started_ms, ended_ms; /* Unix time; 0 = not yet */
     int64_t not_before_ms;
     int64_t lease_until_ms; /* Time on the steady clock of the process that claimed it */

@@ -165,7 +165,7 @@ static int may_pass(enum umbj_failure failure)
     return failure == UMBJ_TEMPORARY || failure == UMBJ_IO || failure == UMBJ_LOST;
 }
 
-/* Pause in milliseconds before the next try, by the number of failed tries. */
+/* Returns the pause in milliseconds before the next try, by the number of failed tries. */
 static int64_t pause_ms(int64_t tries)
 {
     int64_t pause = UMBJ_PAUSE_MS;

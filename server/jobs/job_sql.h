@@ -63,14 +63,14 @@ UMB_CHECKED enum umb_status umbj_sql_read_files(struct umbj_sql *sql, struct umb
 /* Rows that the last changing statement touched. */
 int64_t umbj_sql_changes(const struct umbj_sql *sql);
 
-/* Begins and ends one transaction. _end commits if status is UMB_OK, else rolls back. Returns
- * status, or the failure of the commit, which then was rolled back too. */
+/* Begins and ends one transaction. umbj_sql_end commits if status is UMB_OK, else rolls back.
+ * Returns status, or the failure of the commit, which then was rolled back too. */
 UMB_CHECKED enum umb_status umbj_sql_begin(struct umbj_sql *sql, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj_sql_end(struct umbj_sql *sql, enum umb_status status,
                                          struct umb_error *error);
 
-/* Copies a text column, cut at size - 1 bytes. _hash copies a blob column and returns 1; or returns
- * 0 if the column does not have UMBJ_HASH_BYTES. */
+/* Copies a text column, cut at size - 1 bytes. umbj_sql_hash copies a blob column and returns 1; or
+ * returns 0 if the column does not have UMBJ_HASH_BYTES. */
 void umbj_sql_text(sqlite3_stmt *row, int column, char *out, size_t size);
 int umbj_sql_hash(sqlite3_stmt *row, int column, uint8_t out[UMBJ_HASH_BYTES]);
 

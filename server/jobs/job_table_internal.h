@@ -49,7 +49,7 @@ UMB_CHECKED enum umb_status umbj__mend(struct umbj_table *table, int64_t now,
 
 /* --- job_assets.c --- */
 
-/* Creates the tables of counts and their triggers. _count_anew counts all rows. */
+/* Creates the tables of counts and their triggers. umbj__count_anew counts all rows. */
 UMB_CHECKED enum umb_status umbj__make_counts(struct umbj_table *table, struct umb_error *error);
 UMB_CHECKED enum umb_status umbj__count_anew(struct umbj_table *table, struct umb_error *error);
 

@@ -95,7 +95,7 @@ void umbj_service_drop_upload(struct umbj_service *service, struct umbj_upload *
     umbj_upload_destroy(upload);
 }
 
-/* After another daemon took over, this daemon accepts, cancels and removes nothing. */
+/* Fails if another daemon took over: this daemon then accepts, cancels and removes nothing. */
 static enum umb_status check_ours(const struct umbj_service *service, struct umb_error *error)
 {
     return !service->lost

@@ -58,9 +58,9 @@ struct umbj_tiles umbj_snapshot_tiles(struct umbj_snapshot *snapshot);
 /* The job's version, 0 = not in the snapshot. */
 uint64_t umbj_snapshot_version(struct umbj_snapshot *snapshot, const char *id);
 
-/* Owners of jobs' assets. _own adds an owner, _disown removes one (NULL: all), _owns returns 1 if
- * the owner has the asset. If memory is too short for an owner, the asset lacks that owner until a
- * restart. */
+/* Owners of jobs' assets. umbj_snapshot_own adds an owner, umbj_snapshot_disown removes one (NULL:
+ * all), umbj_snapshot_owns returns 1 if the owner has the asset. If memory is too short for an
+ * owner, the asset lacks that owner until a restart. */
 void umbj_snapshot_own(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);
 void umbj_snapshot_disown(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);
 int umbj_snapshot_owns(struct umbj_snapshot *snapshot, const uint8_t *asset, const char *owner);

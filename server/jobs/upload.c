@@ -295,7 +295,7 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
         upload->accepted = 1;
     } else if (errno != ENOTEMPTY && errno != EEXIST) {
         return fail_io(error, "keep", "the bundle");
-    } /* Otherwise an earlier bundle of this key holds the same bytes, and this one is not
+    } /* If the folder exists, an earlier bundle of this key has the same bytes, and this one is not
          needed. */
     /* An existing bundle is synced too: its upload may not have synced its name yet. */
     return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK

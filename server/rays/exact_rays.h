@@ -35,7 +35,8 @@ struct umbr_exact_hit {
     int leaving;       /* 1 if the ray meets the back of the triangle, by its winding */
 };
 
-/* Computes a sphere around all corners: the middle of their box, and the metres to its corner. */
+/* Computes a sphere around all corners: centre is the middle of their bounding box, radius the
+ * distance in metres from there to the box's corners. */
 void umbr_sphere_of(const double (*corners)[3][3], size_t count, double centre[3], double *radius);
 
 /*

@@ -8,12 +8,11 @@
 
 struct umbr_layers {
     struct umbr_rays *rays; /* over the translucent triangles alone */
-    uint32_t *triangles;    /* [number of them] index in the scene */
+    uint32_t *triangles;    /* [number of translucent triangles] index in the scene */
     const struct umbs_cuts *cuts;
 };
 
-/* 1 if a triangle absorbs a part of the light somewhere. Triangles that are clear all over do
- * not. */
+/* Returns 1 if a triangle absorbs a part of the light somewhere, 0 if it is clear all over. */
 static int is_layer(const struct umbs_cuts *cuts, size_t triangle)
 {
     const uint32_t number = cuts->of[triangle];

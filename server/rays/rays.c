@@ -99,8 +99,8 @@ static void hit_number(const struct RTCHitN *hit, unsigned n, unsigned i, size_t
     memcpy(out, (const char *)hit + offset * n + 4 * (size_t)i, 4);
 }
 
-/* Embree's filter for scenes with holes, for one ray or for a packet. Refuses hits where the
- * texture cuts the triangle out. */
+/* Refuses hits where the texture cuts the triangle out. This is Embree's filter for scenes with
+ * holes, for one ray or for a packet. */
 static void refuse_holes(const struct RTCFilterFunctionNArguments *arguments)
 {
     const struct RTCHitN *hit = arguments->hit;
@@ -393,7 +393,8 @@ static void keep_hit(struct crossing_list *list, const struct crossing *hit)
     list->hits[at] = *hit;
 }
 
-/* Embree's filter: records the hit and refuses it, so that the ray continues to the next hit. */
+/* Records a hit and refuses it, so that the ray continues to the next hit. This is Embree's filter
+ * of all-hits rays. */
 static void collect_hit(const struct RTCFilterFunctionNArguments *arguments)
 {
     /* The context is the list's first member, so the cast yields the list. */

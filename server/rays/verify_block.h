@@ -78,7 +78,8 @@ static inline void umbr_draw_anywhere(struct umbr_verify_block *block, double vo
 
 #define UMBR_RING_PLACES 32
 
-/* Offset in voxels, across the light, of a place on one of four rings around a voxel's centre. */
+/* Computes the offset in voxels, across the light, of place i on one of four rings around a voxel's
+ * centre. */
 static inline void umbr_ring_offset(int i, double offset[2])
 {
     static const double rings[] = {0.001, 0.01, 0.1, 0.25};

@@ -13,8 +13,9 @@
 
 #include "base/vec.h"
 
-/* Share of the last W beyond which float rays never leave out a caster. They leave out casters
- * nearer to a lamp than 2^-16 of a point's distance, which is at most twice W. */
+/* Least ratio of a frustum's near distance to its far one at which float rays may be used; below it
+ * all its rays are in doubles. Float rays leave out casters nearer to a lamp than 2^-16 of a
+ * point's distance, which is at most twice the far distance (W of the last voxels). */
 #define FLOATS_REACH 0x1p-12
 
 enum {
@@ -163,9 +164,9 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double local[
 }
 
 /*
- * The test of is_inside, by a vote of six rays: three directions unusual in models, and their
- * opposites. A ray that grazes an edge may err. A surface on one side only cannot give five votes
- * to a point outside of a solid.
+ * Returns 1 if a point lies inside a closed solid, by a vote of six rays: three directions unusual
+ * in models, and their opposites. A ray that grazes an edge may err. A surface on one side only
+ * cannot give five votes to a point outside of a solid.
  */
 static int is_inside_by_vote(const struct umbr_verify_block *block, const double local[3])
 {

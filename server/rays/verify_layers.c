@@ -89,7 +89,8 @@ static void widen_by_texels(const struct umbr_verify_block *block, const double 
     }
 }
 
-/* Widens a range by places within a voxel of the point, or within the error of rays. */
+/* Widens a range of light by the light at places within a voxel of the point, or within the error
+ * of rays. */
 static void widen_by_voxel(const struct umbr_verify_block *block, const double voxel[3],
                            struct range *range)
 {

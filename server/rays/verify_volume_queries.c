@@ -33,8 +33,8 @@ static void draw_voxel(struct umbr_verify_block *block, uint64_t tries, uint64_t
     umbr_draw_anywhere(block, voxel);
 }
 
-/* Draws the ends of a segment around a voxel: any direction, and every order of length equally
- * likely. */
+/* Draws the ends of a segment around a voxel, in any direction. The logarithm of the length is
+ * uniform, so short and long segments are equally likely. */
 static int draw_segment(struct umbr_verify_block *block, const double voxel[3], double ends[2][3])
 {
     double direction[3], square = 0, along;
@@ -306,8 +306,8 @@ static void judge_box(struct umbr_verify_block *block, const struct umb_box *box
     (void)umbr_verify_count(block, verdict, corner);
 }
 
-/* Edge in metres of a box around `middle` that reaches over one voxel at most. A lamp's voxels are
- * seen at an angle, up to 55 degrees, and grow within the box. */
+/* Returns the edge in metres of a box around `middle` that reaches over one voxel at most. A lamp's
+ * voxels are seen at an angle, up to 55 degrees, and grow within the box. */
 static double least_edge(const struct umbr_verify_block *block, const double middle[3],
                          const double world[3])
 {

@@ -29,7 +29,7 @@ enum umbs_format {
     UMBS_FORMAT_STL = 3,
 };
 
-/* What told a scene's up axis. */
+/* Evidence by which a scene's up axis was found. */
 enum umbs_up_evidence {
     UMBS_UP_NONE = 0, /* nothing: z is taken */
     UMBS_UP_FORMAT,   /* the format: glTF */
@@ -198,7 +198,7 @@ UMB_CHECKED enum umb_status umbs__scene_check(struct umbs_scene *scene, const ch
 
 void umbs_scene_destroy(struct umbs_scene *scene);
 
-/* Returns the words for what told the up axis, as the end of "y is up: ". */
+/* Returns words that say how the up axis was found; they complete the sentence "y is up: ". */
 const char *umbs_scene_up_reason(const struct umbs_scene_view *view);
 
 /* Returns the sentence that a user must read if nothing in the file tells the up axis, without an

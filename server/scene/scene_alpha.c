@@ -189,8 +189,9 @@ static double texel_area(const struct umbs_texture *texture, const float uv[3][2
 }
 
 /*
- * Texture coordinates of sample number `place` within a triangle. One sequence runs on from
- * triangle to triangle: a fixed grid would meet a repeating texture at the same phase each time.
+ * Computes the texture coordinates of sample number `place` within a triangle. One sequence runs on
+ * from triangle to triangle: a fixed grid would meet a repeating texture at the same phase each
+ * time.
  * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018: multiples of
  * the powers of 1 / g, g * g * g = g + 1.
  */
@@ -334,7 +335,7 @@ static enum umb_status judge(struct finder *f, size_t at, const float uv[3][2], 
     return note(f, at, tag, error);
 }
 
-/* Texture coordinates of triangle i of a mesh, in the order of umbs_scene_flatten. */
+/* Gets the texture coordinates of triangle i of a mesh, in the order of umbs_scene_flatten. */
 static void triangle_uv(const struct umbs_scene_view *view, const struct umbs_mesh *mesh,
                         uint32_t i, int mirror, float uv[3][2])
 {
@@ -404,7 +405,7 @@ static enum umb_status digest_textures(const struct finder *f, struct umb_error 
                                    texture->wrap_t, texture->nearest};
         const void *const parts[] = {shape, view->alpha + texture->offset};
         const size_t sizes[] = {sizeof shape, (size_t)texture->width * texture->height};
-        /* The pyramid was made: some MASK material uses the texture. */
+        /* A pyramid exists only if a MASK or translucent material uses the texture. */
         if (f->pyramids[i].levels > 0) {
             umbs_sha256.digest(umbs_sha256.user, parts, sizes, 2, cuts->digests[i]);
         }
@@ -447,7 +448,8 @@ static void add_texels(const struct umbs_scene_view *view, const struct umbs_mes
     }
 }
 
-/* 1 if a material may be sharp: BLEND, with a texture, and without a transmission. */
+/* Returns 1 if a material may be *sharp* (scene_alpha.h), whatever its texels: it is BLEND, with a
+ * texture and without a transmission. */
 static int can_be_sharp(const struct umbs_scene_view *view, uint32_t number)
 {
     return number != UMBS_NO_INDEX && view->materials[number].alpha_mode == UMBS_ALPHA_BLEND &&
@@ -466,7 +468,7 @@ static double sharp_texels(const struct texels *texels)
                : 0.0;
 }
 
-/* Finds the sharp materials; with `own` they become cut-outs there. */
+/* Finds the sharp materials. If cuts->own exists, they become cut-outs in it. */
 static enum umb_status find_sharp(struct umbs_cuts *cuts, struct umb_error *error)
 {
     const struct umbs_scene_view *view = cuts->view;
@@ -501,7 +503,7 @@ static enum umb_status find_sharp(struct umbs_cuts *cuts, struct umb_error *erro
     return UMB_OK;
 }
 
-/* Finds the cuts among the materials as they count. */
+/* Classifies the triangles of all instances by cuts->materials: opaque, clear, or cut. */
 static enum umb_status find_cuts(struct umbs_cuts *cuts, struct umb_error *error)
 {
     const struct umbs_scene_view *view = cuts->view;

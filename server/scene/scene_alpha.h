@@ -38,7 +38,8 @@
 
 /* A triangle that is tested texel by texel. */
 struct umbs_cut {
-    float uv[3][2]; /* texture coordinates of its corners, in the order of umbs_scene_flatten */
+    float uv[3][2]; /* texture coordinates of the triangle's corners, in the order of
+                       umbs_scene_flatten */
     uint32_t material;
 };
 
@@ -60,7 +61,7 @@ struct umbs_translucent_figures {
 };
 
 /* Least share of a sharp material's texels that are clear or opaque, and the greatest opacity that
- * counts as clear; above 1 minus that is opaque. */
+ * counts as clear. An opacity above 1 minus that counts as opaque. */
 #define UMBS_SHARP_SHARE 0.9
 #define UMBS_SHARP_CLEAR 0.1
 
@@ -74,7 +75,7 @@ struct umbs_sharp_figures {
 
 struct umbs_cuts {
     const struct umbs_scene_view *view; /* borrowed: textures, and the materials as in the file */
-    /* [view->material_count] The materials as they count: the view's, or `own`. */
+    /* [view->material_count] The materials by which triangles cast: the view's, or `own`. */
     const struct umbs_material *materials;
     struct umbs_material *own; /* a copy with sharp materials as cut-outs; NULL: not wanted */
     uint32_t *of;          /* [triangles] number in cuts, or UMBS_CUT_*; NULL: all UMBS_CUT_NONE */

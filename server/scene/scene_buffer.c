@@ -65,7 +65,8 @@ const char *umbs_scene_layout(const uint64_t counts[UMBS_SECTION_COUNT],
             return section_kinds[i].name;
         }
         offsets[i] = at;
-        /* A section has at most 2^32 * 176 or 2^40 bytes: eleven sections are far from 2^64. */
+        /* A section has at most 2^32 * 176 or 2^40 bytes, so the sum of eleven sections cannot
+         * overflow. */
         at += (counts[i] * section_kinds[i].item_bytes + 7) & ~7ULL;
     }
     *total = at;

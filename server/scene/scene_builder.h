@@ -97,7 +97,7 @@ UMB_CHECKED enum umb_status umbs_scene_add_triangle(struct umbs_scene_builder *b
 /*
  * Makes a mesh of the `triangle_count` triangles behind the last mesh.
  *
- * In: first_vertex, vertex_count: range of vertices in which the mesh's corner numbers count.
+ * In: first_vertex, vertex_count: range of vertices to which the corners of the mesh refer.
  */
 UMB_CHECKED enum umb_status umbs_scene_end_mesh(struct umbs_scene_builder *builder,
                                                 uint32_t first_vertex, uint32_t vertex_count,

@@ -177,8 +177,8 @@ static void become_program(const struct import *import, char *const *arguments,
     _exit(EXIT_NOT_STARTED);
 }
 
-/* Reads all available bytes of the message; keeps the first and drops the rest. Hangs up at the end
- * of the pipe. */
+/* Reads all available bytes of the importer's message. Keeps the first ones, as far as they fit,
+ * and drops the rest. Closes the pipe at its end. */
 static void drain(struct import *import)
 {
     char chunk[1024];

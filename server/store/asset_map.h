@@ -98,9 +98,9 @@ UMB_CHECKED enum umb_status umbs_asset_map_read(const struct umbs_asset_map *map
                                                 struct umb_error *error);
 
 /*
- * The two steps of umbs_asset_map_read, for many small reads. Use the results of optimistic reads
- * only after a revalidation that followed all of them succeeded. Each step fails as
- * umbs_asset_map_read does.
+ * umbs_asset_map_read in two steps, an optimistic read and a revalidation, for many small reads.
+ * Use the results of optimistic reads only after a revalidation that followed all of them
+ * succeeded. Each step fails as umbs_asset_map_read does.
  */
 UMB_CHECKED enum umb_status umbs_asset_map_read_optimistic(const struct umbs_asset_map *map,
                                                            void (*read)(void *user), void *user,

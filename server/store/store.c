@@ -73,8 +73,8 @@ void umbs_store_close(struct umbs_store *store)
     for (size_t i = 0; i < store->cache_count; i++) {
         umbs__cache_finish(&store->caches[i]);
     }
-    /* Set before the reaping: a thread that retires an entry afterwards sees the flag and reaps the
-     * entry itself. */
+    /* The flag is set before the reaping (the freeing of retired entries): a thread that retires an
+     * entry afterwards sees it and frees the entry itself. */
     atomic_store(&store->closed, 1);
     if (store->table != NULL) {
         (void)umbs__table_let_go(store, store->table);

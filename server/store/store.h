@@ -69,7 +69,8 @@ struct umbs_store_options {
      * version is freed at once. */
     void (*retired)(void *user);
     /* Callback when an asset was taken out of use, on the thread that found the damage, and when
-     * the lane has loaded an asset. The owner then rescans. NULL: the next scan handles both. */
+     * the lane (the thread for large files) has loaded an asset. The owner then rescans. NULL: the
+     * next scan handles both. */
     void (*faulted)(void *user);
     void *owner; /* argument of both callbacks */
 };
@@ -104,7 +105,8 @@ void umbs_store_close(struct umbs_store *store);
 
 /*
  * Scans the folders: loads new and changed files, drops missing ones, and removes old temporaries.
- * Files that open at once are published together first; slow ones are published one by one.
+ * Files that need no reading are published together first. Files that must be read follow in
+ * groups.
  *
  * Out:   report: filled also on failure; may be NULL.
  * Fails: E_IO or E_NO_INPUT if the folder cannot be read (the old table stays), E_NO_MEMORY. A bad
@@ -121,8 +123,8 @@ UMB_CHECKED enum umb_status umbs_store_rescan(struct umbs_store *store,
  * the `faulted` callback takes the new version. Without the lane, a rescan loads everything itself.
  * Stop the lane before the store is closed.
  *
- * _stop waits up to its limit for a load to end. It returns 0 if the load did not end; the store
- * then cannot be closed.
+ * umbs_store_lane_stop waits up to its limit for a load to end. It returns 0 if the load did not
+ * end; the store then cannot be closed.
  * Threads: not at the same time as a rescan.
  * Fails: E_LIMIT (no thread).
  */
@@ -209,9 +211,9 @@ UMB_CHECKED enum umb_status umbs_entry_read(struct umbs_entry *entry, void (*rea
                                             void *user, struct umb_error *error);
 
 /*
- * The two steps of umbs_entry_read, for many small reads. Use the results of optimistic reads only
- * after a revalidation that followed all of them succeeded. Each step fails as umbs_entry_read
- * does.
+ * umbs_entry_read in two steps, an optimistic read and a revalidation, for many small reads. Use
+ * the results of optimistic reads only after a revalidation that followed all of them succeeded.
+ * Each step fails as umbs_entry_read does.
  * Cost:  read 10 ns, revalidate 0.2 us.
  */
 UMB_CHECKED enum umb_status umbs_entry_read_optimistic(struct umbs_entry *entry,

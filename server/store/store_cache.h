@@ -65,7 +65,8 @@ void umbs__cache_finish(struct umbs_cache *cache);
 UMB_CHECKED enum umb_status umbs__cache_ready(struct umbs_cache *cache, int *writable,
                                               struct umb_error *error);
 
-/* Copies the record of a packed file; packed: NULL = of an id. Returns 0 if there is no record. */
+/* Copies the record of the packed file with a stamp, or of an id if `packed` is NULL. Returns 0 if
+ * there is no record. */
 int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, const uint8_t *id,
                      struct umbs_record *record);
 
@@ -73,10 +74,10 @@ int umbs__cache_find(struct umbs_cache *cache, const struct umbs_stamp *packed, 
 void umbs__cache_remember(struct umbs_cache *cache, const struct umbs_record *record);
 
 /*
- * Call these around making a mapped file. _syncs returns 1 if the file must be synced separately,
- * as the first files of each scan are. _made counts a complete file. Other files are synced
- * together before a list names them. A power cut may tear a mapped file that has no record; such a
- * file is made anew.
+ * Call these around making a mapped file. umbs__cache_syncs returns 1 if the file must be synced
+ * separately, as the first files of each scan are. umbs__cache_made counts a complete file. Other
+ * files are synced together before a list names them. A power cut may tear a mapped file that has
+ * no record; such a file is made anew.
  */
 int umbs__cache_syncs(struct umbs_cache *cache);
 void umbs__cache_made(struct umbs_cache *cache, int synced);

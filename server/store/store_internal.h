@@ -152,9 +152,9 @@ void umbs__store_let_go(struct umbs_store *store, size_t count);
 /* Creates an empty table for `room` entries, held once. NULL: out of memory. */
 struct umbs_table *umbs__table_create(size_t room);
 
-/* Returns the newest table and holds it. _let_go releases a hold; if it was the last one, it leaves
- * the table to umbs_store_reap and returns 1. _walked releases a hold too, and has the table reaped
- * soon. */
+/* Returns the newest table and holds it. umbs__table_let_go releases a hold; if it was the last
+ * one, it leaves the table to umbs_store_reap and returns 1. umbs__table_walked releases a hold
+ * too, and asks the owner to reap soon. */
 struct umbs_table *umbs__table_hold(struct umbs_store *store);
 int umbs__table_let_go(struct umbs_store *store, struct umbs_table *table);
 void umbs__table_walked(struct umbs_store *store, struct umbs_table *table);
@@ -163,8 +163,8 @@ void umbs__table_walked(struct umbs_store *store, struct umbs_table *table);
  * Returns the previous table, held. */
 struct umbs_table *umbs__table_publish(struct umbs_store *store, struct umbs_table *table);
 
-/* _find_id returns the healthy entry with an id, _find_name the entry with a name; NULL if there is
- * none. */
+/* umbs__table_find_id returns the healthy entry with an id, umbs__table_find_name the entry with a
+ * name; NULL if there is none. */
 struct umbs_entry *umbs__table_find_id(const struct umbs_table *table,
                                        const uint8_t id[UMB_ID_BYTES]);
 struct umbs_entry *umbs__table_find_name(const struct umbs_table *table, const char *name);
@@ -185,9 +185,9 @@ struct umbs_entry *umbs__entry_recall(struct umbs_store *store, const struct umb
 /* --- store_lane.c --- */
 
 enum umbs_lane_answer {
-    UMBS_LANE_NOT_FOR_IT, /* small, or there is no lane: the scan loads it */
-    UMBS_LANE_WAIT,       /* the lane loads it, or another one first */
-    UMBS_LANE_TAKE,       /* it is loaded */
+    UMBS_LANE_NOT_FOR_IT, /* the file is small, or there is no lane: the scan loads the file */
+    UMBS_LANE_WAIT,       /* the lane is loading this file, or another one first */
+    UMBS_LANE_TAKE,       /* the lane has loaded the file */
 };
 
 /* Asks the lane for a file; called by a scan. Out: entry, load_ms: set with UMBS_LANE_TAKE; entry

@@ -30,8 +30,8 @@ struct umbs_record {
 struct umbs_records {
     size_t count, capacity;
     struct umbs_record *list;
-    uint32_t *places;   /* Index in `list`, plus 1, by hash of the packed stamp, [place_count]; 0 =
-                           none */
+    uint32_t *places;   /* Hash table by the packed file's stamp, [place_count]: index in `list`
+                           plus 1; 0 = empty */
     size_t place_count; /* a power of 2, at least twice as many as there are records */
 };
 

@@ -9,9 +9,10 @@
  * A scan builds a whole new table beside the old one (unchanged entries are shared by reference)
  * and publishes it whole. So a look-up sees the folders before or after the scan, never in between.
  *
- * A scan publishes several times: first all files that open at once, then files that must be read
- * whole, after each LOAD_MS of loading. So a large new asset delays only the requests for it, and a
- * thousand small ones do not take a thousand passes over all names.
+ * A scan publishes several times: first the files that need no reading (unchanged, or mapped in the
+ * cache), then files that must be read whole, after each LOAD_MS of loading. So a large new asset
+ * delays only the requests for it, and a thousand small ones do not take a thousand passes over all
+ * names.
  */
 #include "store/store_internal.h"
 
@@ -235,8 +236,8 @@ static int record_of(const struct umbs_entry *entry, struct umbs_record *record)
     return 1;
 }
 
-/* Adds the record of a verified entry to its cache, so that another name of the same file opens at
- * once. */
+/* Adds the record of a verified entry to its cache, so that another name of the same file opens
+ * without being read. */
 static void remember(struct umbs_store *store, const struct umbs_entry *entry)
 {
     struct umbs_record record;
@@ -392,7 +393,8 @@ static void write_records(struct umbs_store *store, struct umbs_cache *cache)
     umbs__cache_keep(cache, &now);
 }
 
-/* Publishes tables until every file is in one. The first table has the files that open at once. */
+/* Publishes tables until every file is in one. The first table has the unchanged files, and
+ * those that the cache has in mapped form. */
 static enum umb_status scan(struct pass *pass, struct name_list *list, struct umb_error *error)
 {
     struct umbs_store *store = pass->store;

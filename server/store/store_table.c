@@ -65,7 +65,8 @@ void umbs__table_walked(struct umbs_store *store, struct umbs_table *table)
     }
 }
 
-/* Index of the first entry that is not before `key`. In: compare: order of key and entry. */
+/* Returns the index of the first entry that is not before `key`. In: compare: order of key and
+ * entry. */
 static size_t find_first(const struct umbs_entry_list *entries, const void *key,
                          int (*compare)(const void *key, const struct umbs_entry *entry))
 {
@@ -81,7 +82,8 @@ static size_t find_first(const struct umbs_entry_list *entries, const void *key,
     return low;
 }
 
-/* The first entry equal to `key`, or NULL: several files may hold the same asset. */
+/* Returns the first entry equal to `key`, or NULL. Several entries may be equal, because several
+ * files may hold the same asset. */
 static struct umbs_entry *find(const struct umbs_entry_list *entries, const void *key,
                                int (*compare)(const void *key, const struct umbs_entry *entry))
 {

@@ -21,7 +21,7 @@
 #define BINS        12 /* bins of log2 of pixels a texel: below -4, .., 6 and above */
 #define BIN_LOW     (-5)
 #define SUN_WAYS    4
-#define WAYS        6    /* with those of a lamp */
+#define WAYS        6    /* SUN_WAYS and the ways of a lamp */
 #define LAMP_AT_MAX 1e12 /* metres */
 #define NEAR_MIN    1e-3 /* near plane of cascades, as a share of the farthest visible point */
 

@@ -128,8 +128,8 @@ static double eye_fit(const struct umbt_camera_subject *subject, const double ce
     }
     double back =
         fmin(-(high[0] + low[0]) / (2.0 * tan_xy[0]), -(high[1] + low[1]) / (2.0 * tan_xy[1]));
-    /* A least distance, since a single point, or points in a line along the view, would put the eye
-     * onto a point. */
+    /* Keeps the eye at a least distance: for a single point, or points in a line along the view, it
+     * would otherwise lie on a point. */
     back = fmin(back, nearest - fmax(1e-3 * sqrt(size), 1e-6));
     umbt_along(centre, back, camera->forward, camera->eye);
     for (int k = 0; k < 2; k++) {

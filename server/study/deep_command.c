@@ -175,7 +175,8 @@ static void points_lift(struct deep *d)
 
 /* ---- hits ---- */
 
-/* Finds all hits of a texel's ray, nearest first; texel i has the places from HITS_MAX i on. */
+/* Finds all hits of a texel's ray, nearest first, and stores those of texel i from index HITS_MAX *
+ * i on. */
 static void texel_item(void *user, size_t i)
 {
     const struct deep *d = user;

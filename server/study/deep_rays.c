@@ -20,7 +20,7 @@ float umbt_deep_alpha(const struct umbt_deep_rays *rays, uint32_t triangle)
     return own < 1.0F ? own : (float)rays->alpha;
 }
 
-/* Transmittance from a point over `length` metres along a unit direction. */
+/* Returns the transmittance from a point over `length` metres along a unit direction. */
 static double ray_left(const struct umbt_deep_rays *rays, const double start[3],
                        const double direction[3], double length)
 {

@@ -17,13 +17,13 @@ enum {
 
 #define ENOUGH     0.04  /* share of shadow at which the whole scene is shown */
 #define FEW_TIMES  3.0   /* a part must show so many times the whole scene's share */
-#define BEST_SHARE 0.6   /* and of the best part's share at least this */
+#define BEST_SHARE 0.6   /* a part must show at least this share of what the best one shows */
 #define LONG_SHARE 0.125 /* share of the plan's side from which on an edge is long */
 #define MOST       0.5   /* share of the casters that a part by shadow must hold */
-#define CASTERS    100   /* least number of them */
+#define CASTERS    100   /* least number of casters in such a part */
 #define LIFT       1e-5  /* start of rays off their surface, in diagonals of the scene */
 
-/* What counts in a picture. */
+/* Measure of a picture: share of shadow, or of things. */
 enum measure {
     SHADOW,
     THINGS,
@@ -57,8 +57,8 @@ static void lift(const struct umbt_scene *scene, const double at[3], const doubl
     umbt_along(at, umb__dot(normal, side) < 0.0 ? -way : way, normal, start);
 }
 
-/* Returns 1 if light that a surface stops would meet another surface that faces it. Solids do not
- * count as receivers of their own shadow inside. */
+/* Returns 1 if the light that a surface stops would meet another surface, one that faces the light.
+ * The inner side of the same solid does not count. */
 static int casts(const struct umbt_scene *scene, const double at[3], const double normal[3],
                  const double to_light[3])
 {
@@ -83,7 +83,7 @@ static int is_shadowed(const struct umbt_scene *scene, const double at[3], const
     return umbr_occluded(scene->rays, start, to_light, 0.0, INFINITY);
 }
 
-/* Returns 1 for a triangle without an edge that is long beside the plan. */
+/* Returns 1 if all edges of a triangle are short compared with the side of the ground plan. */
 static int is_thing(const struct framing *f, uint32_t triangle)
 {
     const double(*corners)[3] = (const double(*)[3])f->scene->corners[triangle];
@@ -141,7 +141,8 @@ static double share_of(const struct framing *f, const struct umbt_camera *camera
     return (double)found / (WIDTH * HEIGHT);
 }
 
-/* Numbers of casters in the cells of a grid, as a table by hashes: the plan has 4^14 cells. */
+/* Number of casters in a cell of a grid. The grid has 4^14 cells, so the cells are in a hash
+ * table. */
 struct cell {
     uint64_t key;   /* 0: unused; else 1 + the cell's number */
     uint32_t count; /* number of casters */

@@ -9,7 +9,8 @@
  * picture decide, by rays:
  *
  * - shadow: pixels in shadow, and those whose surface casts on another one
- * - things: pixels of triangles that are short beside the plan, unlike a ground's
+ * - things: pixels of triangles whose edges are short compared with the scene's ground plan; a
+ *   ground has long ones
  *
  * The whole scene is shown if its share of shadow is 4 %. Else the camera takes a part by things,
  * if their share is below 3 %, or by shadow, if most casters stand close together. Parts are

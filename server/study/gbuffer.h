@@ -41,7 +41,8 @@ struct umbt_gbuffer {
     uint32_t *triangles;    /* [receiver_count] number of the triangle, or UMBT_GROUND */
     /* Translucent receivers of the band: all from number `first_layer` on. */
     size_t first_layer;
-    float *opacities; /* [receiver_count - first_layer] share of what lies behind that is hidden */
+    float *opacities; /* [receiver_count - first_layer] share of the light from behind that the
+                         receiver hides */
     uint32_t *behind; /* [receiver_count - first_layer] number of the next receiver, or UMBT_SKY */
     size_t layer_capacity;
 };

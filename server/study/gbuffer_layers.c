@@ -60,7 +60,8 @@ static enum umb_status list_reserve(struct layer_list *list, size_t more, struct
     return UMB_OK;
 }
 
-/* Distance of the opaque surface that a sub-sample sees; a surface that lies on it is before it. */
+/* Returns the distance of the opaque surface that a sub-sample sees. A translucent surface that
+ * lies on it counts as before it. */
 static double opaque_distance(const struct search *search, size_t sample)
 {
     const uint32_t slot = search->buffer->slots[sample];

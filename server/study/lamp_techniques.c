@@ -37,8 +37,8 @@ const size_t umbt_lamp_row_count = sizeof umbt_lamp_rows / sizeof umbt_lamp_rows
 
 /* ---- faces ---- */
 
-/* A texel more than half a filter beyond a right angle, so that windows at a face's border find
- * their casters on it. */
+/* Returns the tangent of half the angle that a face sees: more than 45 degrees, by half a filter
+ * and a texel. So windows at a face's border find their casters on that face. */
 static double face_tangent(uint32_t side, uint32_t taps)
 {
     return 1.0 / (1.0 - fmin((double)(taps + 1) / (double)side, 0.5));
@@ -55,7 +55,8 @@ static enum umb_status faces_make(const struct umbt_lamp_view *lamp, struct umbt
         reach += far_m * far_m;
     }
     reach = sqrt(reach) * 1.001;
-    /* Six faces of a half and two of seven eighths: 1.5 and 1.53 times the texels of one map. */
+    /* A cube has six faces of half the map's side, paraboloids two of seven eighths of it: 1.5 and
+     * 1.53 times the texels of one map. */
     faces->count = paraboloid ? 2 : 6;
     faces->side = paraboloid ? lamp->view->resolution / 8 * 7 : lamp->view->resolution / 2;
     for (uint32_t i = 0; i < faces->count; i++) {
@@ -124,7 +125,8 @@ static struct umb_map_filter filter_of(const struct umbt_lamp_view *lamp,
     return filter;
 }
 
-/* Share of free rays to the lamp from a square of texels at the moved receiver's depth. */
+/* Returns the share of free rays to the lamp, from a square of texels at the moved receiver's
+ * depth. */
 static double box_visibility(const struct facing *facing, size_t i)
 {
     const struct umbt_lamp_view *lamp = facing->lamp;
@@ -164,7 +166,8 @@ static void box_item(void *user, size_t i)
     facing->faces->box[i] = (float)box_visibility(facing, i);
 }
 
-/* The unit direction and distance to the lamp, and 1 if the receiver faces it. */
+/* Computes the unit direction and the distance to the lamp. Returns 1 if the receiver faces the
+ * lamp. */
 static int towards_lamp(const struct umbt_lamp_view *lamp, size_t i, double direction[3],
                         double *distance)
 {
@@ -175,7 +178,8 @@ static int towards_lamp(const struct umbt_lamp_view *lamp, size_t i, double dire
     return umb__dot(normal, direction) > 0.0;
 }
 
-/* Rays from a receiver to the lamp itself, and to points of a disc that faces the receiver. */
+/* Traces rays from a receiver to the lamp itself, and to points of a disc that faces the
+ * receiver. */
 static void ray_item(void *user, size_t i)
 {
     const struct facing *facing = user;

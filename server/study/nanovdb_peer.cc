@@ -30,7 +30,7 @@ struct Blocks {
     uint32_t side; // blocks
 };
 
-// What stands in one square of blocks that a lower node would cover.
+// Content of one square of blocks that a lower node would cover.
 struct Square {
     Coord first; // block
     uint32_t mixed = 0;

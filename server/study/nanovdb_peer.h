@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
 #define UMBRAGE_SERVER_STUDY_NANOVDB_PEER_H
 /*
- * A peer that is a sparse volume: NanoVDB's mask grid over the voxels of an asset, with the
- * look-ups that its users write.
+ * A peer of the study, that is another program's method to compare with: NanoVDB's mask grid, a
+ * sparse volume, over the voxels of an asset, with the look-ups that its users write.
  *
  * A voxel that is on is shadowed. Mixed blocks of 8^3 voxels are leaves with a mask of 64 bytes;
  * blocks and squares of blocks that are shadowed throughout are tiles.

@@ -4,7 +4,7 @@
 /*
  * 8-bit sRGB pictures, their PNG files, which appear whole or not at all, and their look: muted
  * surface colours, a warm sun by Lambert's law, a sky dome that tints ambient light cool from above
- * and warm from the ground, a soft shoulder.
+ * and warm from the ground, and a soft compression of highlights.
  *
  * Colours are linear RGB, 0..1 once displayed.
  */
@@ -35,15 +35,15 @@ struct umbt_rgb {
 struct umbt_rgb umbt_surface_color(uint32_t key);
 
 /*
- * Returns the light that leaves a surface, before the shoulder.
+ * Returns the light that leaves a surface, before highlights are compressed (umbt_shoulder).
  *
- * In: light: what reaches it of each colour; 1: of a sun right above it. upward: vertical component
- *     of the normal, -1..1.
+ * In: light: light of each colour that reaches the surface; 1 = that of a sun right above it.
+ *     upward: vertical component of the normal, -1..1.
  */
 struct umbt_rgb umbt_shade_light(struct umbt_rgb surface, const double light[3], double upward);
 
-/* The same under one white sun. visibility: visible share of the sun, 0..1. cosine: of the angle to
- * the sun; below 0 counts as 0. */
+/* Does umbt_shade_light for one white sun. visibility: visible share of the sun, 0..1. cosine: of
+ * the angle to the sun; below 0 counts as 0. */
 struct umbt_rgb umbt_shade(struct umbt_rgb surface, double visibility, double cosine,
                            double upward);
 
@@ -59,8 +59,8 @@ double umbt_shoulder(double linear);
 /* Encodes one linear value (clamped to 0..1) as 8-bit sRGB. Source: IEC 61966-2-1. */
 uint8_t umbt_srgb8(double linear);
 
-/* The same, rounded up where the rest is at least 1 - threshold. With thresholds of umbt_dither a
- * slow gradient, such as the sky, has no bands. */
+/* Does umbt_srgb8, but rounds up where the fraction is at least 1 - threshold. With thresholds of
+ * umbt_dither a slow gradient, such as the sky, has no bands. */
 uint8_t umbt_srgb8_dithered(double linear, double threshold);
 
 /* Returns the threshold of a pixel, above 0 and below 1: an ordered pattern of 8 x 8 (Bayer 1973).

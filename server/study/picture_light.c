@@ -20,8 +20,8 @@ struct umbt_picture_light umbt_picture_sun(const struct umbt_setup *setup)
     return light;
 }
 
-/* Share of a spot's light in a direction (KHR_lights_punctual: the square of a line between both
- * cosines). */
+/* Returns the share of a spot's light in a direction (KHR_lights_punctual: the square of a share
+ * that is linear between both cosines). */
 static double cone_share(const struct umbt_picture_light *light, const double towards[3])
 {
     if (!(light->cone[0] > light->cone[1])) {
@@ -89,8 +89,9 @@ static int powers_take(const struct umbs_scene_view *file, double diagonal_m,
     return known;
 }
 
-/* Returns what BRIGHT_SHARE of the points get more of, from lights `first` to `last` - 1 without
- * shadows; the brightest channel counts. 0 if hardly a point faces them. values: float[receivers].
+/* Returns the light that a share BRIGHT_SHARE of the points exceeds, from lights `first` to `last`
+ * - 1 without shadows. The brightest channel counts. The result is 0 if hardly a point faces the
+ * lights. values: float[receivers].
  */
 static double bright_value(const struct umbt_gbuffer *view, const struct umbt_picture_light *lights,
                            uint32_t first, uint32_t last, double *values)

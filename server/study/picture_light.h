@@ -32,7 +32,7 @@ struct umbt_picture_light umbt_picture_sun(const struct umbt_setup *setup);
 /*
  * Returns the cosine between a normal and the light.
  *
- * Out: share: what a receiver at the place gets, of power * cosine.
+ * Out: share: share of power * cosine that a receiver at the place gets.
  */
 double umbt_picture_light_at(const struct umbt_picture_light *light, const double position[3],
                              const double normal[3], double *share);

@@ -118,7 +118,8 @@ uint32_t umbt_label_width(const char *text, uint32_t scale)
     return scale * (ADVANCE * (uint32_t)strlen(text) - (ADVANCE - COLUMNS) + 2 * MARGIN);
 }
 
-/* 1 if a font pixel of the line is set; column, row: from the upper left of the first character. */
+/* Returns 1 if a font pixel of the line is set. column, row: counted from the upper left of the
+ * first character. */
 static int is_set(const char *text, uint32_t length, uint32_t column, uint32_t row)
 {
     const uint32_t at = column / ADVANCE, within = column % ADVANCE;

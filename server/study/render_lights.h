@@ -34,7 +34,7 @@ enum umb_status umbt_read_light(const struct umbu_option *option, const char *te
  * Opens the asset and the sources of its lights.
  *
  * In:    wanted: the lights; count 0: all of the asset if it has at most UMBT_LIGHTS_MAX, else its
- *        first. one: 1: the first alone in that case, too.
+ *        first. one: 1: with count 0 only the first light of the asset.
  * Out:   lights: close it. truths and lights are set by umbt_render_lights_set.
  * Fails: the errors of umbt_shadow_source_open.
  */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What pictures need of a scene beyond its shape: normals of corners, in the order of the flattened
- * triangles, and whether the materials have colours.
+ * Properties of a scene for pictures, beyond its shape: normals of corners, in the order of the
+ * flattened triangles, and whether the materials have colours.
  */
 #include "study/study_scene.h"
 
@@ -77,8 +77,8 @@ static enum umb_status normals_find(struct umbt_scene *scene, struct umb_error *
     return UMB_OK;
 }
 
-/* 1 if two used materials differ in colour, or the only colour is not a grey. Materials whose
- * colour is in an image do not count. */
+/* Returns 1 if two used materials differ in colour, or the only colour is not a grey. Materials
+ * whose colour is in an image do not count. */
 static int has_colors(const struct umbt_scene *scene)
 {
     const struct umbs_scene_view *view = &scene->scene->view;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the commands have in common; see setup.h. */
+/* Shared parts of the sub-commands; see setup.h. */
 #include "study/setup.h"
 
 #include <stdlib.h>

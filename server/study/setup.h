@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_SERVER_STUDY_SETUP_H
 #define UMBRAGE_SERVER_STUDY_SETUP_H
 /*
- * What the sub-commands of umbrage-study have in common: options, a scene, a sun and a camera, and
- * the way from the command line to the exit code.
+ * Shared parts of the sub-commands of umbrage-study: options, a scene, a sun and a camera, and the
+ * way from the command line to the exit code.
  */
 #include "study/camera.h"
 #include "study/study_scene.h"
@@ -31,7 +31,8 @@ struct umbt_command {
     const struct umbu_command *options;
     size_t bytes; /* Size of the state, which is zeroed before the options are read */
     enum umb_status (*run)(void *state, const struct umbu_parsed *parsed, struct umb_error *error);
-    /* Report of success, unless --quiet, and members of its JSON object; NULL: run prints both. */
+    /* text prints the report of success, unless --quiet is given; json prints the members of the
+     * JSON object. NULL: `run` prints them itself. */
     void (*text)(FILE *to, const void *state);
     void (*json)(struct umbu_json *json, const void *state);
     void (*finish)(void *state); /* After run, also if it failed */
@@ -108,7 +109,7 @@ UMB_CHECKED enum umb_status umbt_common_match(const struct umbt_common *common, 
  */
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3]);
 
-/* What a camera is fitted to: all corners of a scene. */
+/* Returns the geometry that a camera is fitted to: all corners of a scene. */
 struct umbt_camera_subject umbt_subject(const struct umbt_scene *scene, const double to_light[3],
                                         int z_up);
 

@@ -72,7 +72,8 @@ struct umbt_study_points {
     size_t first[UMBT_STUDY_SET_COUNT + 1]; /* set s is first[s] .. first[s + 1] - 1 */
     double (*positions)[3];                 /* [count] world space, metres */
     float (*normals)[3];                    /* [count] zero for free points */
-    /* [count] The hard truth: 0 or 1, and with the share that translucent casters let through. */
+    /* [count] The hard truth by opaque casters alone, 0 or 1, and the same times the share that
+     * translucent casters let through. */
     float *opaque, *sharp;
     /* [count] Distance in metres along the surface to a change of the hard truth; infinite beyond
      * reach_m, and for free points. */

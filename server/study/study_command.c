@@ -96,8 +96,8 @@ static void options_complete(struct umbt_study *study)
     }
 }
 
-/* Draws the aliasing heat map of the same view and light, by the command `aliasing`, which knows
- * suns above the horizon. */
+/* Draws the aliasing heat map of the same view and light, by the command `aliasing`, which supports
+ * only suns above the horizon. */
 static enum umb_status heat_draw(struct umbt_study *study, struct umb_error *error)
 {
     char path[UMBT_STUDY_PATH], threads[16], sun[64];

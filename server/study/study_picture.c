@@ -36,7 +36,7 @@ enum {
     SUMS
 };
 
-/* What a receiver has got of all lights so far. */
+/* Light that a receiver has got from all lights so far. */
 struct received {
     float asset[3], traced[3];
     float difference; /* of the visibilities, asset - traced */
@@ -268,7 +268,8 @@ static struct umbt_rgb receiver_shade(const struct frame *frame, size_t pixel, u
     return fog_shade(frame, pixel, slot, color);
 }
 
-/* The colour of a sub-sample: its receivers over one another, up to the opaque one or the sky. */
+/* Returns the colour of a sub-sample: its receivers over one another, up to the opaque one or the
+ * sky. */
 static struct umbt_rgb sample_shade(const struct frame *frame, size_t pixel, uint32_t slot,
                                     int traced, struct umbt_rgb sky)
 {
@@ -327,7 +328,7 @@ static void pixel_shade(const struct frame *frame, size_t pixel, int traced, str
     }
 }
 
-/* Difference of the visibilities that a sub-sample shows, of all lights together. */
+/* Returns the difference of the visibilities that a sub-sample shows, of all lights together. */
 static double sample_difference(const struct frame *frame, uint32_t slot)
 {
     double sum = 0.0, left = 1.0;
@@ -520,8 +521,8 @@ static enum umb_status frame_init(struct frame *frame, uint32_t rows, struct umb
     return status;
 }
 
-/* Number of rows of a band. A band with rays, or with translucent surfaces, of which a sub-sample
- * may see many, has fewer. */
+/* Returns the number of rows of a band. A band that traces rays has fewer, and so has one with
+ * translucent surfaces, of which a sub-sample may see many. */
 static uint32_t band_rows(const struct umbt_picture_request *request, size_t row_samples)
 {
     const int is_small =

@@ -44,8 +44,8 @@ double umbt_study_towards(const struct umbt_study_points *points, const double p
     return umbt_towards_light(points->lamp, points->to_light, point, towards);
 }
 
-/* Returns 1 if no opaque caster hides the light. share: gets what translucent ones let through, of
- * 0 or 1; NULL: not wanted. */
+/* Returns 1 if no opaque caster hides the light. share: gets the share of light that translucent
+ * casters let through, 0 if an opaque one hides the light; NULL: not wanted. */
 static int sees_light(const struct umbt_study *study, const double from[3], float *share)
 {
     double towards[3];
@@ -170,8 +170,8 @@ static void append(struct umbt_study_points *points, const struct umbt_point_set
     points->count += count;
 }
 
-/* Returns the sum over a set's points of the sides of what a pixel of the view sees there, as if
- * the surface faced the eye. */
+/* Returns a sum over a set's points: the side in metres of the square that a pixel of the view
+ * covers there, as if the surface faced the eye. */
 static double pixel_sides(const struct umbt_pixel_request *view, const struct umbt_point_set *set)
 {
     struct umbt_camera camera;
@@ -292,7 +292,8 @@ static void light_set(struct umbt_study *study)
     }
 }
 
-/* Returns W of a point in its frustum of a lamp: the greatest of all frusta. */
+/* Returns the distance W of a point from a lamp along the axis of the frustum that contains the
+ * point. That frustum gives the greatest W. */
 static double lamp_w(const struct umbt_study_bake *bake, const double point[3])
 {
     double place[3], greatest = 0.0;

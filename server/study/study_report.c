@@ -285,7 +285,7 @@ static void put_views(FILE *to, const struct umbt_study *study)
     }
 }
 
-/* The traced view by each truth, and the techniques that are compared with it. */
+/* Writes, for each kind of truth, the traced view and the techniques that are compared with it. */
 static void put_techniques(FILE *to, const struct umbt_study *study)
 {
     char name[128], label[160], attributes[64];

@@ -319,7 +319,7 @@ static enum umb_status resolution_bake(const struct umbt_study *study, struct um
     return UMB_OK;
 }
 
-/* Names a bake by what came of it; one that failed by its file. */
+/* Names a bake by its resolution and rule; a failed bake by its file. */
 static void bake_name(struct umbt_study_bake *bake)
 {
     const char *kind = umbt_study_is_closed(bake) ? "closed" : "open";
@@ -330,7 +330,8 @@ static void bake_name(struct umbt_study_bake *bake)
     }
 }
 
-/* Adds one resolution by a value of --closed. Out: 0 if there is no room for it. */
+/* Bakes one resolution with a value of --closed, and adds it to the study. Out: fits: 0 if there is
+ * no room for it. */
 static enum umb_status resolution_add(struct umbt_study *study, uint32_t resolution,
                                       const char *rule, int *fits, struct umb_error *error)
 {

@@ -11,7 +11,8 @@
 #include "scene/scene.h"
 #include "rays/layers.h"
 
-/* What rays meet: opaque surfaces, and translucent ones, which they pass. */
+/* Surfaces for rays to meet: opaque ones, which stop rays, and translucent ones, which let them
+ * pass. */
 struct umbt_tracer {
     struct umbs_cuts cuts;      /* triangles with holes, and translucent ones */
     struct umbr_rays *rays;     /* pass holes and translucent surfaces */
@@ -27,7 +28,7 @@ struct umbt_scene {
     struct umbs_parts parts;
     struct umbt_tracer casts;       /* for rays of light: casters as the flags take them */
     const struct umbt_tracer *seen; /* for rays of cameras: `casts` or `as_file`; NULL: `rays` */
-    struct umbt_tracer as_file;     /* zeroed unless SCENE_SEEN makes another of it */
+    struct umbt_tracer as_file;     /* zeroed unless UMBT_SCENE_SEEN needs it */
     struct umbr_rays *rays;         /* casts.rays, borrowed */
     struct umb_box box;             /* bounds of all triangles */
     double diagonal_m;              /* diagonal of the box */

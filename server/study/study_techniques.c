@@ -16,8 +16,6 @@
 #include "base/try.h"
 #include "tool/progress.h"
 
-#define WIDTH            320
-#define HEIGHT           200
 #define RESOLUTION_QUICK 512
 #define RESOLUTION_FULL  1024
 #define SUN_RAD          (0.53 * 3.14159265358979323846 / 180.0)
@@ -196,6 +194,8 @@ static enum umb_status view_measure(struct umbt_study *study, struct umbt_techni
     return status;
 }
 
+static const uint32_t quick_size[2] = {240, 150}, full_size[2] = {320, 200}; /* pixels */
+
 /* Returns the side of the maps in texels: that of an asset of the study. */
 static uint32_t resolution_for(const struct umbt_study *study)
 {
@@ -211,8 +211,9 @@ static uint32_t resolution_for(const struct umbt_study *study)
 
 enum umb_status umbt_study_techniques(struct umbt_study *study, struct umb_error *error)
 {
+    const uint32_t *size = study->options.quick ? quick_size : full_size;
     struct umbt_technique_view view = {
-        .size = {WIDTH, HEIGHT},
+        .size = {size[0], size[1]},
         .resolution = resolution_for(study),
         .taps = UMBT_STUDY_TAPS,
         .light_rad = SUN_RAD,

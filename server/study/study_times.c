@@ -155,7 +155,8 @@ static int window_by_eight(const struct umbt_study *study, const struct umbt_tru
                          2.0 * window->diagonal_m);
 }
 
-/* Traces the rays of the first `count` samples of a set one way. Returns the number of hits. */
+/* Traces the rays of the first `count` samples of a set, in one of the ways. Returns the number of
+ * hits. */
 static int trace(const struct umbt_study *study, const struct umbt_truth *window, int way,
                  size_t count)
 {
@@ -183,7 +184,7 @@ static int trace(const struct umbt_study *study, const struct umbt_truth *window
     return sum;
 }
 
-/* Returns 1 if a way of tracing exists for the light: packets of rays are parallel. */
+/* Returns 1 if a way of tracing can be used for the light: packets of rays need parallel light. */
 static int way_exists(const struct umbt_study *study, int way)
 {
     return study->points.lamp == NULL || (way != UMBT_RAYS_VIEW8 && way != UMBT_RAYS_AREA8);
@@ -219,7 +220,7 @@ static void rays_conclude(struct umbt_study *study, struct ray_times *times)
     }
 }
 
-/* Runs the kinds of times of one setting that are not steady yet, once each. */
+/* Measures once more each kind of time of one setting that is not steady yet. */
 static enum umb_status setting_once(struct umbt_probe *probe, struct times *times, float *values,
                                     struct umb_error *error)
 {

@@ -11,7 +11,7 @@
 #define SURFACE_LIFT 2e-6 /* share of the diagonal, as in traced_shadow.h */
 #define COARSE_TAPS  17   /* starts a side of the check for solids beneath a footprint */
 
-/* The truth of one ray from the very point that it is asked for. */
+/* Returns a truth that traces one ray, from the point itself. */
 static struct umbt_truth single_ray(const struct umbt_study_truth *truth)
 {
     struct umbt_truth ray = truth->rays;
@@ -27,7 +27,8 @@ static double tent_weight(double x, uint32_t taps)
     return 0.5 * (taps + 1.0) - floor(fabs(x) + 0.5);
 }
 
-/* Rays over the window, each with the weight of the texel that it stands in for. */
+/* Returns the visibility by rays over the window, each with the weight that the tent filter has at
+ * the ray's start. */
 static float tent_visibility(const struct umbt_study_truth *truth, const double point[3],
                              const double normal[3])
 {
@@ -51,7 +52,8 @@ static float tent_visibility(const struct umbt_study_truth *truth, const double 
     return (float)(sum / weights);
 }
 
-/* Rays from the square of the surface around the point, in its tangent plane. */
+/* Returns the visibility by rays that start in a square around the point, in the surface's tangent
+ * plane. */
 static float footprint_visibility(const struct umbt_study_truth *truth, const double point[3],
                                   const double normal[3])
 {
@@ -92,14 +94,15 @@ int umbt_study_truth_is_undefined(const struct umbt_study_truth *truth, const do
     if (truth->method == UMBT_STUDY_FOOTPRINT) {
         window.settings.taps = COARSE_TAPS;
     }
-    /* A lamp's frusta stay as they are, so the check covers the middle of a wide footprint. */
+    /* Enlarges the voxels so that the window is as wide as the footprint. Only parallel light uses
+     * this frustum; under a lamp the check covers just the middle of a wide footprint. */
     for (int k = 0; k < 9 && truth->method == UMBT_STUDY_FOOTPRINT; k++) {
         window.frustum.voxel_step[k / 3][k % 3] *= stretch;
     }
     return umbt_truth_is_undefined(&window, point, normal);
 }
 
-/* 1 if rays of the truth start in the window of texels, so that the frustum matters. */
+/* Returns 1 if rays of the truth start in the window of texels, so that the frustum matters. */
 static int has_window(const struct umbt_study_truth *truth)
 {
     return truth->rays.kind == UMBT_TRUTH_AREA && truth->method != UMBT_STUDY_FOOTPRINT;

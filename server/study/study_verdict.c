@@ -156,8 +156,8 @@ static int is_told(const struct step *step)
     return wrong_of(step) * (double)step->result->judged >= WRONG_MIN;
 }
 
-/* Returns the power of the resolution that a value grows with: a least-squares line of logarithms
- * over the steps that tell their error. */
+/* Returns the exponent p with which a value grows as resolution^p: the slope of a least-squares
+ * line through logarithms, over the steps whose error is known. */
 static double power_of(const struct step *steps, uint32_t count, step_value_fn value)
 {
     double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0;
@@ -217,7 +217,8 @@ static void say_setting(FILE *to, const struct umbt_study *study,
             1e-6 * (double)bake->info.packed_bytes);
 }
 
-/* The fastest setting of a filter whose wrong answers are no larger a share, or NULL. */
+/* Returns the fastest setting with at least `least_taps` taps whose share of wrong answers is at
+ * most `wrong`; NULL if there is none. */
 static const struct umbt_study_result *fastest(const struct umbt_study *study, double wrong,
                                                uint32_t least_taps)
 {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_SERVER_STUDY_SURFACE_H
 #define UMBRAGE_SERVER_STUDY_SURFACE_H
 /*
- * How the surface at a receiver looks: its colour, and the normal that light is shaded by.
+ * The look of the surface at a receiver: its colour, and the normal that light is shaded by.
  *
  * Where the scene file has normals, shading interpolates them; queries and rays always take the
  * triangle's own. Where colours of the file tell materials apart, surfaces have these; else they

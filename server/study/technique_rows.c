@@ -5,7 +5,8 @@
 /* The parameter of each family grows down the table. */
 #define MAP(kind) .settings.technique = UMB_MAP_##kind
 #define WARPS     .settings.exponent = 42, .settings.negative_exponent = 5.4, .settings.linear = 1
-/* PCSS: the penumbra by a search of the map's depths, the filter by its channels. */
+/* Settings of percentage-closer soft shadows (PCSS): the penumbra's width comes from a search of
+ * the map's depths, the filtered answer from its channels. */
 #define SOFT(way)                                                                                  \
     .settings.access = UMB_MAP_##way, .settings.keep_depth = 1, .filter.light_size = 1.0
 #define SLICES(many) .cascades = (many), .fit = UMB_CASCADE_SCENE

@@ -51,7 +51,7 @@ static void points_take(const struct umbt_technique_view *view, const struct umb
     }
 }
 
-/* Root mean square of the jump between two layers at the judging points. */
+/* Computes the root mean square of the jump between two layers at the judging points. */
 static enum umb_status jump(const struct umb_cascade_seam *seam, const struct umb_points *points,
                             double fine_contrast, double contrast, float *answers, double *rms,
                             struct umb_error *error)

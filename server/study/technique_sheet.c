@@ -5,7 +5,7 @@
 #include "base/try.h"
 
 #define COLUMNS 5U /* drawings in a row of a sheet */
-#define GAP     4U /* pixels between them */
+#define GAP     4U /* pixels between drawings */
 
 static struct umbt_rgb pixel_color(const struct umbt_technique_view *view, size_t pixel,
                                    const float *values)

@@ -61,8 +61,8 @@ double umbt_texel_ray(const struct umb_map_frustum *frustum, size_t texel, doubl
 /* A seam between two cascades. */
 struct umbt_seam {
     double distance_m; /* of the split along the view */
-    size_t points;     /* number of visible points on it */
-    double contrast;   /* C of the layer behind it */
+    size_t points;     /* number of visible points on the seam */
+    double contrast;   /* contrast C of the layer behind the seam */
     /* Root mean square of the jump of the answers from layer to layer: with C = 1 everywhere, and
      * with the layers' contrasts. */
     double before, after;

@@ -156,8 +156,9 @@ struct window {
     struct umb_frustum_info frustum; /* frustum at the moved point */
 };
 
-/* Returns the voxels by which the look-up of a lifted window is deeper than the moved point: the
- * lift counts from the plane's depth at the centre of the window, and clears half a texel less. */
+/* Returns the number of voxels by which a lifted window looks up deeper than the moved point. The
+ * query's lift counts from the depth of the surface's plane at the window's centre, and clears half
+ * a texel less. */
 static double follow_plane(const struct umbt_truth *truth, const double normal[3],
                            const struct window *window)
 {
@@ -287,7 +288,8 @@ static struct area area_of(const struct umbt_truth *truth, const double from[3])
         return area;
     }
     (void)umbt_towards_light(lamp, truth->to_light, from, towards);
-    /* A sphere is the disc across the way to it; a flat one stands as it is. */
+    /* A sphere counts as the disc perpendicular to the direction to it; a flat disc keeps its own
+     * plane. */
     across(lamp != NULL && lamp->kind == UMB_LIGHT_DISC ? lamp->direction : towards, area.half[0],
            area.half[1]);
     for (int k = 0; k < 3; k++) {

@@ -53,8 +53,9 @@ struct umbt_truth {
     const uint8_t *closed;           /* uint8[triangles], borrowed; NULL: no closed rule */
 };
 
-/* Makes a truth of parallel light for an asset's frustum, or one like it: one ray for each texel of
- * one tap. The caller sets what differs. The scene is borrowed. */
+/* Makes a truth (a reference by rays) for parallel light and an asset's frustum or a similar one.
+ * It traces one ray, for a filter of one tap; the caller changes the fields that shall differ. The
+ * scene is borrowed. */
 struct umbt_truth umbt_truth_of(const struct umbt_scene *scene, const double to_light[3],
                                 const double origin[3], const struct umb_frustum_info *frustum);
 

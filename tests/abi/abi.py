@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The binary interface of the libraries: what headers declare, what libraries export, where members lie.
+The binary interface of the libraries: the functions that headers declare, the names that libraries
+export, and the places of struct members.
 
     abi.py check            the export lists and tests/abi/record.txt are those of the headers
     abi.py keeps RECORD     the headers keep what an earlier record promises (umbrage/version.h)

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * file_sweep FILE...: every prefix of an asset's file and every single flipped bit must be refused,
- * each in a block of exactly its size. Ends with 1 at the first that is not.
+ * file_sweep FILE...: an asset's reader must refuse every prefix of the file, and the file with any
+ * single bit flipped. Each is read from a block of exactly its size. Exit code 1: one was accepted;
+ * the program stops there.
  *
- * A packed file has no byte that does not count; nor has a mapped one: the zeros between its
- * sections are checked, too. The sanitizer build shows that nothing is read beyond a prefix's end.
+ * Every byte of a packed file is checked, and every byte of a mapped one, also the zeros between
+ * its sections. The sanitizer build shows that nothing is read beyond a prefix's end.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -15,7 +16,7 @@
 
 #define ALIGNMENT 64 /* of mapped files in memory */
 
-/* Reads a whole file; NULL if that cannot be. */
+/* Reads a whole file; NULL if it cannot be read. */
 static uint8_t *read_all(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
@@ -47,7 +48,7 @@ static enum umb_status try_open(const uint8_t *bytes, size_t size)
     return status;
 }
 
-/* Every prefix, at the end of a block. Returns how many were taken. */
+/* Opens every prefix of the file, placed at the end of a block. Returns how many were accepted. */
 static size_t sweep_prefixes(const uint8_t *bytes, size_t size)
 {
     size_t taken = 0;
@@ -66,7 +67,7 @@ static size_t sweep_prefixes(const uint8_t *bytes, size_t size)
     return taken;
 }
 
-/* Every bit, in a block of the file's size. */
+/* Opens the file with each bit flipped in turn, in a block of the file's size. */
 static size_t sweep_bits(uint8_t *bytes, size_t size)
 {
     size_t taken = 0;
@@ -81,7 +82,7 @@ static size_t sweep_bits(uint8_t *bytes, size_t size)
     return taken;
 }
 
-/* 1 if all is refused but the file itself. */
+/* Returns 1 if everything was refused but the file itself. */
 static int sweep(const char *path)
 {
     size_t size = 0;

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Small assets with every kind of section, both encodings: every prefix and every flipped bit is
-# refused. `make file-sweeps`; the unit tests do it for a file of one light.
+# Checks small assets with every kind of section, in both encodings: every prefix of a file, and the
+# file with any bit flipped, must be refused. `make file-sweeps` runs it; the unit tests do the same
+# for a file of one light.
 set -e
 BUILD=${BUILD:-build/release}
 folder=$(mktemp -d)

@@ -8,10 +8,10 @@
  * half in the order of a picture whose pixels lie closer than voxels; half of each with normals,
  * along which the automatic bias moves them. For 1, 9 and 17 taps the
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
- * the same bits, the kernels must count the same, and every 64th answer must be that of the walk
- * which looks up a window alone. Tents and footprints of all widths of the same points must have
- * equal bits and counts by every kernel.
- * Prints what it compared; 1 where two differ.
+ * the same bits. The kernels must count the same nodes and bricks. Every 64th answer must equal
+ * that of window_count.c, which looks up one window at a time. Tents and footprints of all widths
+ * of the same points must have equal bits and counts by every kernel.
+ * Prints what it compared. Exit code 1: two answers or counts differ.
  */
 #include <math.h>
 #include <pthread.h>
@@ -46,7 +46,7 @@ static double unit(uint64_t *state)
     return (double)next_random(state) / (double)(UINT64_C(1) << 31);
 }
 
-/* A voxel among those that the columns of a place list: near a surface. */
+/* Finds a voxel near a surface, among the voxels that the columns of a place list. */
 static void near_surface(const struct umb__query *q, uint64_t *state, double v[3])
 {
     const uint32_t c = q->column_level, row = q->log2_size - c;
@@ -59,7 +59,8 @@ static void near_surface(const struct umb__query *q, uint64_t *state, double v[3
     v[2] = (column.low + (column.high - column.low + 1.0) * unit(state)) * (double)(1U << c);
 }
 
-/* Frames are orthogonal: a voxel's place is the sum of its steps from the frame's corner. */
+/* The frame's axes are orthogonal, so a voxel's position is the frame's corner plus its steps along
+ * the axes. */
 static void put_point(const struct umb__query *q, const double v[3], double p[3])
 {
     memset(p, 0, 3 * sizeof *p);
@@ -85,7 +86,7 @@ static void make_points(const struct umb__query *q, int picture, uint64_t *state
     }
 }
 
-/* Of all directions, of length 1 or nearly so. */
+/* Draws normals of all directions, of length 1 or nearly 1. */
 static void make_normals(uint64_t *state)
 {
     for (uint32_t i = 0; i < CHUNK; i++) {
@@ -143,7 +144,7 @@ static int threads_run(const struct umb_query *query, const struct umb_points *b
     return count == THREADS;
 }
 
-/* Differences of every 64th answer to the walk. */
+/* Counts the differences between every 64th answer and window_count.c's. */
 static int compare_walk(const struct umb__query *q)
 {
     const uint32_t total = (uint32_t)(q->taps * q->taps);
@@ -183,7 +184,8 @@ static int check_chunk(const struct umb_query *query, const struct way *ways, si
     return wrong + compare_walk(q);
 }
 
-/* Tents and footprints of the points. Out: number of kernels whose bits or counts differ. */
+/* Compares the answers of tents and footprints for the points. Out: number of kernels whose bits or
+ * counts differ. */
 static int check_filters(const struct umb_asset *asset, const struct umb_query *query,
                          const struct way *ways, size_t way_count)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Points before a lamp, answered by a bake, against brute force in long double:
+ * Compares a bake's answers for points before a lamp with brute force in long double:
  *
  *     lamp_check SCENE ASSET SEED POINTS
  *
@@ -9,11 +9,12 @@
  * belongs to a solid baked under the closed rule. ASSET may be `-`: only distances are printed.
  *
  * Points are drawn next to surfaces (1e-9 of the scene's size and up, on both sides), in the air
- * and around the lamp, and asked with one tap and no bias. The truth is the segment to the lamp
- * against every triangle, by determinants; parts nearer to the lamp than 2^-27 of its reach cast
- * nothing. A disagreement is in the band if the truth differs at a voxel's centre or on a grid of
- * quarter voxels within one voxel. A point in no frustum has no band: it must be lit. Points in
- * closed solids, and outside of a spot's cone, are left out.
+ * and around the lamp, and queried with one tap and no bias. The truth comes from testing the
+ * segment to the lamp against every triangle, by determinants. Parts of triangles that are nearer
+ * to the lamp than 2^-27 of its reach cast nothing. A disagreement is in the band if the truth
+ * differs at a voxel's centre or on a grid of quarter voxels within one voxel. A point outside all
+ * frusta has no band: it must be lit. Points in closed solids, and outside of a spot's cone, are
+ * left out.
  *
  * Prints one JSON object. Exit 0: no wrong answer; 1: wrong answers; 65: a file cannot be used.
  */
@@ -80,7 +81,8 @@ static void cross(const real a[3], const real b[3], real out[3])
     }
 }
 
-/* Where the line from 0 along p meets a triangle: its share of p; NAN if it does not. */
+/* Returns the place where the line from 0 along p meets a triangle, as a share of p; NAN if it does
+ * not. */
 static real meet(const real at[3][3], const real p[3])
 {
     real normal[3], one[3], two[3];
@@ -111,7 +113,8 @@ static void corners_from(const struct lamp_scene *scene, size_t number, const do
     }
 }
 
-/* 1 if nothing lies between the lamp and a place. In: local: relative to the origin. */
+/* Returns 1 if nothing lies between the lamp and a place. In: local: the place relative to the
+ * origin. */
 static int is_lit(const struct check *check, const real local[3])
 {
     static const real none[3] = {0, 0, 0};
@@ -132,7 +135,7 @@ static int is_lit(const struct check *check, const real local[3])
     return 1;
 }
 
-/* 1 if the way goes out of a triangle, by its winding; -1 if in. */
+/* Returns 1 if the way leaves a solid through the triangle, by its winding; -1 if it enters one. */
 static int side_of(const real at[3][3], const real way[3])
 {
     real one[3], two[3], normal[3];
@@ -144,7 +147,8 @@ static int side_of(const real at[3][3], const real way[3])
     return dot(normal, way) > 0 ? 1 : -1;
 }
 
-/* 1 if a place lies in a closed solid, solids in solids included, by most of three directions. */
+/* Returns 1 if a place lies in a closed solid, also one inside another: by the majority of three
+ * directions. */
 static int is_inside(const struct check *check, const real local[3])
 {
     static const real ways[3][3] = {
@@ -172,7 +176,8 @@ static real row(const struct frustum *f, int i, const real local[3])
     return f->m[i][3] + dot(f->m[i], local);
 }
 
-/* The frustum that answers for a place, and the place in its voxels; NULL: none does. */
+/* Finds the frustum that answers for a place, and the place in its voxels; NULL: no frustum
+ * does. */
 static const struct frustum *find_frustum(const struct check *check, const real local[3],
                                           real voxel[3])
 {
@@ -191,7 +196,7 @@ static const struct frustum *find_frustum(const struct check *check, const real 
     return found;
 }
 
-/* The place of a point in voxels, by Cramer's rule; 0 if it is behind the lamp. */
+/* Computes the place of a point in voxels, by Cramer's rule; returns 0 if it is behind the lamp. */
 static int place(const struct frustum *f, const real voxel[3], real local[3])
 {
     real rows[3][3], value[3], minors[3][3];
@@ -213,7 +218,8 @@ static int place(const struct frustum *f, const real voxel[3], real local[3])
     return row(f, 3, local) > 0;
 }
 
-/* 1 if the truth changes within a voxel of a place. Out: centre: of the place's voxel. */
+/* Returns 1 if the truth changes within a voxel of a place. Out: centre: the truth at the centre of
+ * the place's voxel. */
 static int in_band(const struct check *check, const struct frustum *f, const real voxel[3],
                    int truth, real centre[3])
 {
@@ -406,7 +412,8 @@ static int read_scene(struct lamp_scene *scene, const char *path)
     return good && scene->count > 0;
 }
 
-/* Distance of the lamp from a triangle: of its foot point if that is inside, else of an edge. */
+/* Returns the distance of the lamp from a triangle: to the foot of the perpendicular if it lies
+ * inside, else to the nearest edge. */
 static real distance_to(const struct lamp_scene *scene, size_t number)
 {
     static const real none[3] = {0, 0, 0};

@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Light behind translucent casters of a real bake, against products over all that the light meets:
+ * Compares the light behind translucent casters in a real bake with products over all surfaces that
+ * the light meets:
  *
  *     light_products SCENE ASSET [COLUMNS]
  *
- * ASSET is a bake of SCENE for a sun, open (--closed off), at a resolution that its maps have too
- * (2048 at most). For random columns of voxels all triangles that cover the middle are met by rays
- * of the program's own, in long double, and at eight voxels of each the asset is asked with one tap
- * and no bias: at its middle the answer is the product of what the surfaces before it let through,
- * within 1e-6; where less than 0.001 is left, lists end, and it may be lighter by less than that.
+ * ASSET is a bake of SCENE for a sun, open (--closed off), at a resolution that its transmittance
+ * maps have, too (at most 2048). For random columns of voxels, rays of this program's own find, in
+ * long double, all triangles over the column's middle. The asset is queried with one tap and no
+ * bias at the middle of eight voxels of each column. An answer must be the product of what the
+ * surfaces before the point let through, within 1e-6. Where less than 0.001 of the light is left,
+ * lists end, and the answer may be too light by less than 0.001.
  *
  * Columns through edges, and voxels whose middle lies on a surface, are left out and counted.
  * Prints one JSON object. Exit 0: equal; 1: not; 65: a file cannot be used.
@@ -95,7 +97,8 @@ static void corners_place(struct check *c)
     }
 }
 
-/* The rows of texels that a triangle reaches, low to high; none if low > high. */
+/* Finds the rows of texels that a triangle reaches, from low to high; there are none if low >
+ * high. */
 static void rows_reached(const struct check *c, size_t t, long *low, long *high)
 {
     const long double a = c->voxel[t][0][1], b = c->voxel[t][1][1], d = c->voxel[t][2][1];
@@ -103,7 +106,7 @@ static void rows_reached(const struct check *c, size_t t, long *low, long *high)
     *high = (long)floorl(fminl(fmaxl(fmaxl(a, b), d), (long double)c->size - 1.0L));
 }
 
-/* Lists which triangles reach which row: counts them, then fills lists from their ends. */
+/* Lists the triangles that reach each row: first counts them, then fills each list from its end. */
 static int rows_fill(struct check *c)
 {
     long low, high;
@@ -149,7 +152,8 @@ static int hit_compare(const void *a, const void *b)
     return (x->z > y->z) - (x->z < y->z);
 }
 
-/* What a triangle lets through where its corners weigh so much. */
+/* Returns the share of light that a triangle lets through at a point. In: weights of the triangle's
+ * corners at the point. */
 static long double passes_at(const struct check *c, size_t triangle, const long double weight[3])
 {
     const uint32_t number = c->cuts.of != NULL ? c->cuts.of[triangle] : UMBS_CUT_NONE;
@@ -181,8 +185,8 @@ static long double passes_at(const struct check *c, size_t triangle, const long 
     return 1.0L - alpha * (1.0L - (long double)material->transmission);
 }
 
-/* Meets all triangles of a column, nearest first. Returns how many, or -1 if one is met at an edge
- * or lies along the light. */
+/* Finds all triangles that cover the middle of a column, nearest first. Returns their number, or -1
+ * if the middle lies on an edge or a triangle lies along the light. */
 static int column_hits(struct check *c, uint32_t x, uint32_t y)
 {
     const long double at[2] = {x + 0.5L, y + 0.5L};
@@ -274,7 +278,8 @@ static void voxel_compare(struct check *c, const struct umb_query *query, int hi
     }
 }
 
-/* A column through some place of a translucent triangle; nothing if that lies outside. */
+/* Chooses the column of a random place on a translucent triangle; chooses none if the place lies
+ * outside the frustum. */
 static int column_pick(struct check *c, const size_t *some, size_t count, uint32_t at[2])
 {
     const size_t t = some[(size_t)(random_unit(c) * (double)count)];

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Prints a digest of what each integer technique answers to the same made-up input, one line each.
- * `make same-bits` builds it by gcc and clang without and with optimisation, and compares; within
- * one program the plain kernels and those for AVX2 are compared too, a difference ends it with 1.
+ * Prints a digest of the answers of each integer technique to the same made-up input, a line for
+ * each technique. `make same-bits` builds it by gcc and clang without and with optimisation, and
+ * compares the digests. The program itself compares the plain kernels with those for AVX2; exit
+ * code 1: they differ.
  *
  *     same_bits [--plain]     --plain: nothing for AVX2, as on a machine without it
  */
@@ -58,7 +59,7 @@ static void make_points(void)
     }
 }
 
-/* By the kernel that the machine chooses, and by the plain one. */
+/* Answers by the kernel that the machine chooses, and by the plain one. */
 static void ask_dag(const struct umb_asset *asset, const char *what, unsigned number,
                     const struct umb_query_settings *settings, int plain_only, umb__kernel_fn plain)
 {
@@ -172,7 +173,7 @@ static void deep(void)
         ask_map(map, names[way]);
         umb_map_destroy(map);
     }
-    /* No integers, but no function of libm either, beside sqrt. */
+    /* These computations are not in integers, but they call no function of libm except sqrt. */
     static const char *const moments[] = {"moments-4", "moments-6", "moments-8"};
     for (uint32_t i = 0; i < 3; i++) {
         const struct umb_map_settings settings = {.technique = UMB_MAP_MOMENTS, .terms = 4 + 2 * i};
@@ -197,7 +198,7 @@ static uint64_t octree_digest(const struct umb__octree *octree)
     return digest;
 }
 
-/* A bake by the quickest way of drawing or by the plain one. */
+/* Bakes with the fastest way of drawing, or with the plain one. */
 static uint64_t bake(const struct soup *soup, int closed_rule, int plain)
 {
     const struct umbb_casters casters = soup_casters(soup, closed_rule);

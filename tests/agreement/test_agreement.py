@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-One question, one answer: 100 000 points give the same bits from the packed and the mapped file,
-from the daemon in calls of 1, 7, 1024 and 65536 points, and after splitting in any way. A window of
-n x n is exactly the mean of n x n single look-ups.
+The same query gives the same answers everywhere: 100 000 points give the same bits from the packed
+and the mapped file, from the daemon in calls of 1, 7, 1024 and 65536 points, and after splitting in
+any way. A window of n x n is exactly the mean of n x n single look-ups.
 """
 import os
 import random
@@ -140,8 +140,9 @@ with test.check("text points and answers lose nothing that floats hold"):
     done = ut.run("umbrage", "query", packed, "--points", "-", "--taps", TAPS, "--quiet",
                   stdin=lines.encode())
     want = ["%.9g" % v for v in ut.from_floats(expected[:80000])]
-    # Text is read as doubles and floats become doubles: the same numbers only if %.9g were exact.
-    # The nearest decimal moves a point by 1e-9 of itself, so a handful may change voxel.
+    # The command reads text as doubles and converts floats to doubles. The numbers would be the
+    # same only if %.9g were exact: the nearest decimal moves a point by 1e-9 of its coordinate, so
+    # a few points may fall into another voxel.
     got = done.stdout.decode().split()
     different = sum(a != b for a, b in zip(want, got))
     assert len(got) == 20000 and different <= 20, different
@@ -155,7 +156,8 @@ with test.check("floats beside an origin and the same doubles agree"):
     origin = (84616.468, 447422.999, -3.25)
     wide = [a + b for a, b in zip(ut.from_floats(data), origin * COUNT)]
     moved = [-v for v in origin]
-    # The daemon adds the origin in doubles; so does the file's reader. Both get the same sums.
+    # The daemon adds the origin in doubles, and so does the reader of files: both compute the same
+    # sums.
     text = ",".join(repr(v) for v in moved)
     one = test.query_file(packed, ut.floats(wide, "d"), "--origin", text, form="f64")
     other = client.query(M.QueryRequest(asset="city", points_f64=ut.floats(wide, "d"), origin=moved,
@@ -164,7 +166,7 @@ with test.check("floats beside an origin and the same doubles agree"):
 
 
 def mean_of_lookups(name, path, count):
-    """n x n windows against n x n single look-ups, moved by whole voxels and by nothing else."""
+    """Compares n x n windows with n x n single look-ups, moved by whole voxels and by no bias."""
     frame = voxel_frame(path)
     rng = random.Random(SEED)
     size = frame["size"]
@@ -181,7 +183,7 @@ def mean_of_lookups(name, path, count):
         return ut.from_floats(test.query_file(path, wide, "--taps", taps, "--bias", "none",
                                               form="f64"))
 
-    # A half of them where a boundary is within the window, a half wherever they fell.
+    # Half of the points have a boundary within the window, half are anywhere.
     seen = lookup([at(cell) for cell in tried], 9)
     cells = [cell for cell, value in zip(tried, seen) if 0 < value < 1][:count // 2]
     cells += tried[:count - len(cells)]
@@ -206,7 +208,8 @@ def mean_of_lookups(name, path, count):
 
 
 def voxel_frame(path):
-    """Where voxels lie: --explain says a point's voxel coordinates; four points give the frame."""
+    """Finds where voxels lie: --explain prints a point's voxel coordinates, and four points give
+    the frame."""
     import json
     info = json.loads(ut.run("umbrage", "info", path, "--json").stdout)
     bounds = info["bounds"]

@@ -105,7 +105,7 @@ static double resident_mib(void)
     return (double)pages * (double)sysconf(_SC_PAGESIZE) / 1048576.0;
 }
 
-/* What a child process is sent for. */
+/* The task of a child process. */
 struct task {
     const struct bench_scene *scene;
     int closed_rule;
@@ -129,7 +129,8 @@ static void bake_here(struct task *task)
     run->peak_mib = (double)usage.ru_maxrss / 1024.0 - before;
 }
 
-/* Does it in a child, so that no party is left memory that another one has asked for. */
+/* Runs the task in a child process, so that no contestant inherits memory that another one has
+ * touched. */
 static void do_apart(void (*it)(struct task *task), struct task *task)
 {
     int pipe_ends[2], status;
@@ -209,7 +210,7 @@ static void window_cover(const struct umbb_depth *depth, struct umbb_tile *tile,
     }
 }
 
-/* CPU seconds that Embree would take for every covered texel of the map. */
+/* Returns the CPU seconds that Embree would take for every covered texel of the map. */
 static void embree_here(struct task *task)
 {
     const struct bench_scene *scene = task->scene;
@@ -269,7 +270,7 @@ void bake_race(const struct bench_scene *scene, int closed_rule, const char *nam
         if (with_threads) {
             bench_add(&threads, one.wall_s / bake_apart(scene, closed_rule, 2).wall_s);
         }
-        /* Before a bake and behind it: what it took in its better moment. */
+        /* Measures Embree before a bake and after it, and keeps the lower time. */
         const double embree_behind = embree_apart(scene);
         bench_add(&rays, fmin(embree, embree_behind) / one.cpu_s);
         embree = embree_behind;

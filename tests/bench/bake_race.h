@@ -10,9 +10,9 @@
  *   threads2_vs_1        wall seconds of one thread over those of two
  *   peak_mib             resident memory over that before the bake, one thread
  *
- * Three rounds, whose medians count: Embree, a bake by one thread, one by two, Embree again; a
- * round's Embree is the better of the two around the bake. Each runs in a process of its own, so
- * that none finds memory that another left.
+ * Each figure is the median of three rounds: Embree, a bake by one thread, one by two, Embree
+ * again; a round's Embree is the better of the two around the bake. Each runs in a process of its
+ * own, so that none finds memory that another left.
  */
 #include "bench_scene.h"
 

@@ -68,8 +68,8 @@ $(BUILD)/page_count: $(BUILD)/tests/bench/page_count.o $(HARNESS_OBJ) $(RPC_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_rpc) -lcmocka -o $@
 
-# The same with one effect compiled out of queries, which are lists of stages and filters; the other
-# sources are the same either way. Compared by tests/system/test_effect_costs.sh.
+# The same program with one effect compiled out of queries. Only the lists of stages and filters
+# depend on that; all other objects are shared. Compared by tests/system/test_effect_costs.sh.
 SWITCHED_SRC := client/core/query/query.c client/core/query/filter.c
 EFFECT_SWITCHES := $(sort $(shell sed -n 's/^.if.*def UMB_WITHOUT_//p' $(SWITCHED_SRC)))
 WITHOUT_BINS := $(EFFECT_SWITCHES:%=$(BUILD)/kernel_count_without_%)
@@ -122,7 +122,7 @@ bench-orders: $(BUILD)/bench_orders ## orders of the leaves under a window, on t
 	@$<
 .PHONY: bench-orders
 
-# The paper's linked lists against arrays, links and streams.
+# Races the paper's linked lists with arrays, links and streams.
 $(BUILD)/bench_deep_ways: $(patsubst %,$(BUILD)/tests/bench/%.o,bench_deep_ways bench_report bench_arguments bench_machine) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
@@ -130,8 +130,8 @@ bench-deep-ways: $(BUILD)/bench_deep_ways ## ways through the lists of deep maps
 	@$<
 .PHONY: bench-deep-ways
 
-# One after the other, whatever -j says: they must not disturb each other. What the first bakes the
-# others use; nothing is kept from one run to the next.
+# Run one after the other, whatever -j says, so that they do not disturb each other. The later ones
+# use the bakes of the first; nothing is kept from one run to the next.
 bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SIZE=quick|full)
 	@assets=$$(mktemp -d) && trap 'rm -rf "$$assets"' EXIT && \
 	$(BUILD)/bench_bake --size $(SIZE) --assets "$$assets" && \
@@ -156,8 +156,8 @@ bench-volume-queries: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bench_volume_querie
 		$(BUILD)/bench_volume_queries $$folder/store/$$scene.umb unix:$$folder/socket $$scene || exit 1; done
 .PHONY: bench-volume-queries
 
-# Far views: footprints, and MRAA and VOAA of Sintorn et al. 2014, against the mean over a pixel. The
-# levels of MRAA are bakes of their own.
+# Far views: compares footprints, and MRAA and VOAA of Sintorn et al. 2014, with the mean over a
+# pixel. The levels of MRAA are bakes of their own.
 $(BUILD)/far_views: $(BUILD)/tests/bench/far_views.o $(BUILD)/tests/bench/far_modes.o $(BUILD)/tests/bench/bench_report.o \
 		$(BENCH_STUDY) $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-bake: bytes against the encoding of 2014, the depth stage against Embree, voxels against
- * the oracle.
+ * bench-bake compares the bytes of assets with the encoding of 2014, the depth stage with Embree,
+ * and voxels with the oracle.
  *
  * depth_front_vs_embree8: seconds that Embree would take for one ray a covered texel (8-wide
  * coherent packets, at the rate of 64 random windows of 256 x 256 texels) over seconds of the whole
@@ -87,7 +87,7 @@ static void windows_make(const struct bench_scene *scene, struct windows *window
     bench_tiles(scene, 0, tile_take, windows);
 }
 
-/* CPU seconds of the depth stage of a whole map, one layer, one thread. */
+/* Measures the CPU seconds of the depth stage of a whole map, for one layer, on one thread. */
 static double raster_seconds(const struct bench_scene *scene)
 {
     const struct umbb_casters casters = bench_casters(scene, 0);
@@ -116,7 +116,8 @@ static double raster_seconds(const struct bench_scene *scene)
     return seconds;
 }
 
-/* CPU seconds that Embree would take for every covered texel, from its rate in the windows. */
+/* Returns the CPU seconds that Embree would take for every covered texel, from its rate in the
+ * windows. */
 static double embree_seconds(const struct embree_peer *peer, const struct windows *windows,
                              float *depth)
 {
@@ -134,7 +135,7 @@ static double embree_seconds(const struct embree_peer *peer, const struct window
     return rays > 0 ? seconds / (double)rays * (double)windows->covered_texels : NAN;
 }
 
-/* The peer must have found the same surface, or it raced for nothing. */
+/* Embree must have found the same surface; otherwise the race means nothing. */
 static void depths_compare(const struct bench_scene *scene, const struct windows *windows,
                            const float *depth)
 {
@@ -185,7 +186,7 @@ static void depth_race(const struct bench_scene *scene, const char *name)
     free(windows.lit);
 }
 
-/* An open scene has no undefined voxels, so both builders must come to the same nodes. */
+/* An open scene has no undefined voxels, so both builders must make the same nodes. */
 static void nodes_compare(const struct bench_asset *asset, const struct yardstick_2014 *yardstick)
 {
     struct umb_asset_info info;
@@ -213,7 +214,7 @@ static void sizes_report(const struct bench_scene *scene, const char *name, int 
                       (double)asset->mapped_bytes / (double)yardstick.bytes);
 }
 
-/* Sizes and voxels of a scene under both rules. */
+/* Measures sizes and voxels of a scene under the open and the closed rule. */
 static void rules_run(const struct bench_scene *scene, int thousands, int with_sizes)
 {
     struct bench_asset assets[2];
@@ -290,7 +291,7 @@ static void scene_run(const char *scene_name, const struct choice *choice)
     bench_scene_finish(&scene);
 }
 
-/* The closed terrain at the largest size: nothing of it is ever drawn as a whole. */
+/* Runs the closed terrain at the largest size, whose depths are never in memory as a whole. */
 static void largest_run(const struct choice *choice)
 {
     struct bench_scene scene;
@@ -329,7 +330,7 @@ static void usage_print(FILE *to)
                 "  --assets  keep bakes in this empty folder for the other benchmarks\n");
 }
 
-/* Marks the part that a figure comes from, or all of them. */
+/* Marks the part of the run that computes a figure, or all parts. */
 static void parts_choose(struct choice *choice, const char *only)
 {
     int found = only == NULL;

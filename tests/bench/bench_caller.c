@@ -89,7 +89,8 @@ static uint32_t big_endian(const uint8_t *bytes)
     return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
 }
 
-/* Takes whole messages off the front of what came; head bytes hold the length at `at`. */
+/* Removes complete messages from the front of the received bytes. In: head: bytes before a message,
+ * which hold its length at `at`. */
 static void take_messages(struct link *link, size_t head, size_t at)
 {
     size_t used = 0;
@@ -324,7 +325,7 @@ static void open_link(struct link *link, const struct caller_job *job)
     }
 }
 
-/* Puts bytes behind what waits to be sent. */
+/* Appends bytes to those that wait to be sent. */
 static void queue_out(struct link *link, const uint8_t *bytes, size_t size)
 {
     if (link->out_size + size > link->out_capacity) {

@@ -3,7 +3,7 @@
 #define UMBRAGE_TESTS_BENCH_BENCH_CALLER_H
 /*
  * One client for all servers of a race: 4 connections, 8 requests under way on each, the same
- * request again and again. It looks at every status and at every byte of the first replies.
+ * request again and again. It checks every status, and every byte of the first replies.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What 7 x 7 windows over deep maps cost, searched, linked and streamed: `make bench-deep`. A JSON line for each figure,
-how many times as fast as a search; generated hair, and the real hair and helmet where they are (UMBRAGE_SCENES). The
-bar, 1.3 times as fast on hair by the way that a map takes on its own, decides the exit code."""
+"""Measures the cost of 7 x 7 windows over deep maps by search, links and streams: `make bench-deep`. Prints a JSON line
+for each figure: how many times as fast as a search. The scenes are generated hair and, if UMBRAGE_SCENES has them, the
+real hair and helmet. On hair, the way that a map chooses by itself must be 1.3 times as fast; otherwise the exit code
+is 1."""
 import json
 import os
 import statistics

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-deep-ways: ways through the lists under a window of a deep shadow map, by mean list length.
+ * bench-deep-ways races ways to sum the lists under a window of a deep shadow map, for several mean
+ * lengths of lists.
  *
  * Fuerst, Mattausch and Scherzer (2013) keep linked lists and race links between neighbours against
  * walking each list from its head. Both are built here as they describe them, in nodes of one
- * buffer, in the order in which a rasteriser delivers fragments. Beside them run the library's
- * arrays: halving, links, streams, and a walk from the head of each array. All ways sum the same
- * whole numbers, and must agree. Times are CPU time; a row is a median over the runs of one ratio.
+ * buffer, in the order in which a rasteriser delivers fragments. The library's own arrays race
+ * beside them, with four ways: binary search, links, streams, and a walk from the head of each
+ * array. All ways sum the same whole numbers, and must agree. Times are CPU time; a row is a median
+ * over the runs of one ratio.
  */
 #include <math.h>
 #include <stdio.h>
@@ -72,8 +74,9 @@ static double unit(uint64_t *state)
     return (double)(*state >> 11) * 0x1p-53;
 }
 
-/* Depth of strand `k` of `count` over a texel. Cards: smooth sheets, one behind the other. Hair:
- * the same with strands that begin and end, and waver by several sheets from texel to texel. */
+/* Returns the depth of strand `k` of `count` over a texel. Cards: smooth sheets, one behind the
+ * other. Hair: the same with strands that begin and end, and waver by several sheets from texel to
+ * texel. */
 static double strand_depth(int hair, uint32_t k, uint32_t count, double x, double y, uint64_t *seed)
 {
     const double sheet = 0.2 + 0.6 * ((double)k + 0.5) / (double)count;
@@ -125,8 +128,8 @@ static void maps_build(struct lists *l, double epsilon)
     }
 }
 
-/* Copies the arrays of the searched map into one buffer of linked nodes, layer by layer: a
- * rasteriser delivers a strand over all its texels before the next strand. */
+/* Copies the lists of a map into one buffer of linked nodes, strand by strand, since a rasteriser
+ * delivers a strand over all its texels before the next strand. */
 static void nodes_link(struct lists *l)
 {
     const struct umb__deep *deep = l->maps[SEARCHED]->deep;
@@ -203,7 +206,7 @@ static double answer_of(uint64_t sum)
     return (double)sum / (double)UMB__DEEP_ONE / (double)(TAPS * TAPS);
 }
 
-/* Share left at a depth, from the head of a linked list. */
+/* Returns the share of light left at a depth, by a walk from the head of a linked list. */
 static uint32_t head_left(const struct lists *l, size_t texel, double depth)
 {
     uint32_t left = UMB__DEEP_ONE;
@@ -250,7 +253,8 @@ static void arrays_run(const struct lists *l, float *answers)
     }
 }
 
-/* The last node nearer than a depth, from a guess in the same list; NONE if the first is not. */
+/* Returns the last node nearer than a depth, searched from a guess in the same list; NONE if even
+ * the first node is not nearer. */
 static uint32_t walk(const struct fragment_node *nodes, uint32_t n, double depth)
 {
     if (n == NONE) {
@@ -268,8 +272,8 @@ static uint32_t walk(const struct fragment_node *nodes, uint32_t n, double depth
     return n;
 }
 
-/* From the lower left list by its head, up the left column and along each row by links. A list
- * whose neighbour has no node nearer starts at its head. */
+/* Sums a window: walks the lower left list from its head, then follows links up the left column and
+ * along each row. A list whose neighbour has no node nearer starts at its head. */
 static void neighbours_run(const struct lists *l, float *answers)
 {
     for (size_t i = 0; i < POINTS; i++) {
@@ -345,7 +349,7 @@ static void rows_report(const char *name, const struct bench_samples *times)
     }
 }
 
-/* Times the ways from `from` on, on lists of one sort. */
+/* Times the ways from number `from` on, on lists of one kind. */
 static void ways_time(const char *name, int from, int hair, uint32_t mean, float alpha,
                       double epsilon, struct bench_samples *times)
 {
@@ -385,7 +389,7 @@ static void race(int hair, uint32_t mean)
     rows_report(name, times);
 }
 
-/* Lists of 40 that end where less than 0.001 is left, against whole ones. */
+/* Compares lists of 40 fragments that end where less than 0.001 is left with complete lists. */
 static void truncation_race(float alpha)
 {
     struct bench_samples whole[WAYS] = {0}, cut[WAYS] = {0};

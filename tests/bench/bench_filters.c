@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Footprints and tents against boxes; see bench_filters.h. In a run each query answers all points,
- * one right after the other, on one core, in CPU time of the thread. */
+/* Races footprints and tents with boxes; see bench_filters.h. In a run each query answers all
+ * points, one right after the other, on one core, in CPU time of the thread. */
 #include "bench_filters.h"
 
 #include <stdlib.h>
@@ -81,7 +81,7 @@ void bench_filters_race(const char *name, const struct bench_scene *scene,
             bench_add(&ratios[r], seconds[rows[r].ours] / seconds[rows[r].box]);
         }
     }
-    /* Nearer, a pixel is narrower than a window, which then is its footprint. */
+    /* A pixel nearer to the camera is narrower than a window; its footprint is then the window. */
     for (int r = strcmp(points->name, "gbuffer-overview") == 0 ? 0 : 1; r < ROWS; r++) {
         bench_row(BENCH, name, rows[r].figure, "lower", &ratios[r]);
     }

@@ -5,7 +5,7 @@
 
 /* Races filters of the product against its own boxes, over surface points with normals, and prints
  * the rows: footprints of the overview's pixels over a box of 9 taps; tents over boxes of 9 and of
- * 17 taps. name: the case of the rows. */
+ * 17 taps. In: name: the case that the rows name. */
 void bench_filters_race(const char *name, const struct bench_scene *scene,
                         const struct bench_asset *asset, const struct bench_points *points);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-frames: what shadows cost a frame, if maps are made for each picture (Sintorn et al. 2014,
- * figures 8 and 10).
+ * bench-frames measures what shadows cost for each picture, if maps are made anew for each picture
+ * (Sintorn et al. 2014, figures 8 and 10).
  *
  * Figure 8: four and eight cascades of 2048 x 2048 16-bit texels, culled and drawn by the product's
  * rasteriser, then one comparison of 2 x 2 texels a point; against windows of 9 and 17 taps of an
@@ -39,10 +39,11 @@ struct cascades {
     struct umb_cascade_plan plan;
     struct peer_place places[UMB_CASCADES_MAX];
     uint16_t *texels[UMB_CASCADES_MAX];
-    double (*corners)[3][3]; /* [triangles of the scene] those that touch a layer */
-    uint8_t *kinds;          /* of them; all open */
-    uint8_t *slices;         /* [points] */
-    size_t drawn;            /* triangles of all layers */
+    /* Triangles of the scene that touch a layer, with room for all of them */
+    double (*corners)[3][3];
+    uint8_t *kinds;  /* of them; all open */
+    uint8_t *slices; /* [points] */
+    size_t drawn;    /* triangles of all layers */
 };
 
 struct frame {
@@ -60,7 +61,7 @@ static void *array_make(size_t count, size_t bytes)
     return array;
 }
 
-/* A frustum's transform for points that are relative to the scene's origin. */
+/* Computes a frustum's transform for points that are relative to the scene's origin. */
 static struct peer_place place_of(const struct umb_map_frustum *frustum, const double origin[3])
 {
     struct peer_place place;
@@ -85,8 +86,8 @@ static double view_depth(const struct frame *frame, size_t i)
     return umbt_camera_depth(&frame->points->camera, p);
 }
 
-/* Plans the cascades between the nearest and the farthest point, and sorts the points to them, as a
- * pass over the picture's depths would. */
+/* Plans the cascades between the nearest and the farthest point, and assigns the points to
+ * cascades, as a pass over the picture's depths would. */
 static void cascades_plan(const struct frame *frame, uint32_t count, struct cascades *c)
 {
     struct umb_cascade_settings settings = {
@@ -230,7 +231,8 @@ static double ours_ask(const struct frame *frame, const struct umb_asset *asset,
     return bench_cpu_s() - start;
 }
 
-/* Mean of the answers: parties that draw the same scene must light about as much of it. */
+/* Returns the mean of the answers. Parties that draw the same scene must light about the same share
+ * of it. */
 static double lit_share(const struct frame *frame)
 {
     double sum = 0.0;

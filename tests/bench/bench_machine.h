@@ -7,13 +7,14 @@
 #define BENCH_PIN_ALL (~0U)
 
 /*
- * Binds the calling thread, and threads it starts later, to the n-th core that the process may use
- * (modulo their number); BENCH_PIN_ALL sets it free again. Returns 1, or 0 if the system refuses.
+ * Binds the calling thread, and the threads that it starts later, to the n-th core that the process
+ * may use (modulo their number); BENCH_PIN_ALL sets it free again. Returns 1, or 0 if the system
+ * refuses.
  */
 int bench_pin(unsigned n);
 
-/* Memory in large pages where the system has them, filled with zeros; ends the program without
- * memory. Freed with free(). */
+/* Allocates zeroed memory, in large pages where the system has them. Ends the program if memory is
+ * short. Free the result with free(). */
 void *bench_large(size_t bytes);
 
 #endif

@@ -64,7 +64,7 @@ static void race_once(struct race *race)
     race->peer_s = (bench_cpu_s() - start) / (double)race->points->count;
 }
 
-/* Both must give the same bits; of two ways, the quicker for one tap. */
+/* Both ways must give the same bits; for one tap the faster of the two counts. */
 static void race_tune(const char *name, struct race *race)
 {
     const size_t count = race->points->count;

@@ -2,9 +2,10 @@
 #ifndef UMBRAGE_TESTS_BENCH_NANOVDB_H
 #define UMBRAGE_TESTS_BENCH_NANOVDB_H
 /*
- * The rows that race a sparse volume (study/nanovdb_peer.h): an asset's voxels in a mask grid of
- * NanoVDB, the same points, one tap and 9 x 9. Named pcf9_vs_nanovdb is the grid used as its
- * interface offers, tap by tap through an accessor; pcf9_vs_nanovdb_leaves counts in its leaves.
+ * The rows that race queries of an asset against the same voxels in a mask grid of NanoVDB
+ * (study/nanovdb_peer.h), on the same points, with one tap and with 9 x 9. In pcf9_vs_nanovdb the
+ * grid is read tap by tap through an accessor, as its interface offers; in pcf9_vs_nanovdb_leaves
+ * lit voxels are counted in its leaves.
  */
 #include "bench_points.h"
 #include "bench_scene.h"

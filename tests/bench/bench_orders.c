@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-orders: the order in which a window's leaves are visited (Sintorn et al. 2014, section
+ * bench-orders races the orders in which a window's leaves can be visited (Sintorn et al. 2014,
+ * section
  * 6.2 and figure 7), against the product's blocks of 64 points.
  *
  * The octree is that of 2014, of 4096 voxels a side: 2-bit children, 8 x 8 masks. A window of 9 x 9
@@ -33,7 +34,7 @@ enum way {
     WAYS
 };
 
-/* A node on the way down: of a level, or a uniform child that ended it. */
+/* A node on the way down, with its level; or the uniform child at which the way ended. */
 struct stop {
     enum umb__node_state state;
     uint32_t number;
@@ -53,7 +54,7 @@ struct window {
     uint32_t leaf[2][2]; /* [axis][first, last] */
 };
 
-/* The mask of a leaf: down from the path's node at level `from`. */
+/* Returns the mask of a leaf, by a descent from the path's node at level `from`. */
 static uint64_t leaf_fetch(struct walk *walk, uint32_t from, uint32_t lx, uint32_t ly, uint32_t z)
 {
     const struct umb__octree *octree = walk->octree;
@@ -83,14 +84,14 @@ static uint64_t leaf_fetch(struct walk *walk, uint32_t from, uint32_t lx, uint32
     return octree->bricks[at.number][z & 7];
 }
 
-/* Level of the lowest node that holds two leaves. */
+/* Returns the level of the lowest node that holds both of two leaves. */
 static uint32_t common_level(const uint32_t a[2], const uint32_t b[2])
 {
     const uint32_t differ = (a[0] ^ b[0]) | (a[1] ^ b[1]);
     return UMB_LEVEL_BRICK + (differ != 0 ? 32U - (uint32_t)__builtin_clz(differ) : 0U);
 }
 
-/* Lit voxels of a leaf within a window. */
+/* Returns the number of lit voxels of a leaf within a window. */
 static uint32_t leaf_count(const struct window *w, uint32_t lx, uint32_t ly, uint64_t mask)
 {
     const int32_t x = (int32_t)(8 * lx), y = (int32_t)(8 * ly);
@@ -120,7 +121,7 @@ static uint32_t leaf_visit(struct walk *walk, const struct window *w, int from_r
     return leaf_count(w, lx, ly, mask);
 }
 
-/* Levels to which a walk climbs between the columns (or rows) of a window's leaves. */
+/* Finds the levels to which a walk climbs between the columns (or rows) of a window's leaves. */
 static void climbs(const struct window *w, int axis, uint32_t levels[LEAVES_MAX - 1])
 {
     for (uint32_t i = 0; w->leaf[axis][0] + i < w->leaf[axis][1]; i++) {
@@ -129,8 +130,9 @@ static void climbs(const struct window *w, int axis, uint32_t levels[LEAVES_MAX 
     }
 }
 
-/* Counts a window's lit voxels. The fixed order goes along rows, there and back. The best one goes
- * along the axis whose borders are lower in the tree, since each row crosses them. */
+/* Counts a window's lit voxels. The fixed order goes along rows, in alternating directions. The
+ * best order goes along the axis whose borders between leaves are lower in the tree, since each row
+ * crosses them. */
 static uint32_t window_count(struct walk *walk, const struct window *w, enum way way)
 {
     uint32_t levels[2][LEAVES_MAX - 1] = {{0}};
@@ -174,8 +176,8 @@ static double way_run(struct race *race, enum way way, uint64_t *steps)
     return (bench_cpu_s() - start) / (double)race->count;
 }
 
-/* Windows around points, as the product places them; those that reach beyond the map are left out
- * for all. Returns the points kept. */
+/* Makes windows around points, placed as the product places them. Windows that reach beyond the map
+ * are left out for all parties. Returns the points kept. */
 static size_t windows_make(const struct bench_scene *scene, const float *points, size_t count,
                            int taps, struct window *windows, float *kept)
 {

@@ -5,12 +5,12 @@ Overload and fairness of one daemon, measured with `umbrage load`: JSON lines, a
 
     bench_overload.py [--seconds S]      the length of each measured part, default 5
 
-Overload: the knee is found by a sweep; then twice that rate is asked beside a polite client, who came
-before and stays after. Fairness: a greedy client keeps large batches under way, a polite one asks 64
-points 100 times a second, as a real-time process where that is allowed (root). The daemon has the
-first processor, generators the others. A part in which
-a generator used more than 70 % of a core does not count and is told as such; the exit code is 1 if
-a bar is missed by a part that counts.
+Overload: a sweep finds the knee. Then clients send twice that rate beside a polite client, which was
+connected before and stays afterwards. Fairness: a greedy client keeps large batches under way, a
+polite one queries 64 points 100 times a second, as a real-time process where that is allowed (root).
+The daemon has the first processor, generators the others. A part in which
+a generator used more than 70 % of a core does not count, and is marked so in the output. The exit
+code is 1 if a part that counts misses its bar.
 """
 import argparse
 import json
@@ -30,7 +30,8 @@ SECONDS = parser.parse_args().seconds
 CPUS = sorted(os.sched_getaffinity(0))
 LARGE = ("--batch", 2048, "--taps", 9, "--points", "random")  # the generator has little to do
 POLITE = ("--rate", 100, "--connections", 1, "--points", "random")
-# The polite client shares its processor with the greedy one, whose turns it would measure otherwise.
+# The polite client shares its processor with the greedy one. Without real-time priority it would
+# measure the greedy client's turns.
 PROMPT = ["chrt", "--fifo", "50"]
 if not shutil.which("chrt") or subprocess.run([*PROMPT, "true"], stderr=subprocess.DEVNULL).returncode:
     PROMPT = []
@@ -75,16 +76,18 @@ def flood_once(knee, rate):
 
 
 def overload(quiet):
-    """Twice the knee's rate beside a polite client: the median of ROUNDS, others use the machine."""
+    """Twice the knee's rate beside a polite client. The median of ROUNDS runs counts, because other
+    programs use the machine."""
     idle_bytes = daemon.resident_bytes()
     found = result(start("--sweep", "--rate", 200, "--duration", 1, "--bound", 50, *LARGE))
     knee = found["sweep"]["knee"]
-    # Noise can put the knee far below what the daemon can do; the flood must be one nevertheless.
+    # Noise can put the knee far below the daemon's capacity, but the flood must exceed that
+    # capacity.
     most = result(start("--duration", SECONDS, *LARGE))["calls_s"]
     rate = 2 * max(knee, most)
     rounds = [flood_once(knee, rate) for _ in range(ROUNDS)]
     daemon_cores = [four[1]["server"]["cpu_s"] / SECONDS for four in rounds]
-    # A flooded daemon that had less than its processor was not flooded: others had the rest.
+    # A daemon that did not use its whole processor was not flooded: other programs had the rest.
     counts = (all(part["counts"] for four in rounds for part in four[:2])
               and min(daemon_cores) >= 0.85)
     row("goodput at twice the knee, of the knee's",
@@ -98,7 +101,8 @@ def overload(quiet):
     most_bytes = max(four[1]["server"]["rss_max_bytes"] for four in rounds)
     row("memory at twice the knee, MiB more than before", (most_bytes - idle_bytes) / 2**20, 1024,
         "lower", counts)
-    # Small pieces of ten calls each: back is when the median is what it was, give or take noise.
+    # Small pieces of ten calls each. The client has recovered when the median is the old one, give
+    # or take noise.
     limit = 3 * quiet["latency"]["p50_ms"] + 5
     late = [max((moment["at_s"] - ended for moment in beside["moments"]
                  if moment["at_s"] > ended and moment["p50_ms"] > limit), default=0.0)
@@ -118,7 +122,8 @@ def fairness_once(*greedy):
 
 
 def fairness(*greedy):
-    """p99 of a polite client beside a greedy one, the median of ROUNDS: others use the machine."""
+    """p99 of a polite client beside a greedy one, the median of ROUNDS runs, because other programs
+    use the machine."""
     rounds = [fairness_once(*greedy) for _ in range(ROUNDS)]
     quiet, beside = ([part[k]["latency"]["p99_ms"] for part in rounds] for k in range(2))
     bar = 3 * statistics.median(quiet) + 5

@@ -33,7 +33,8 @@ static const struct stand stands[] = {
     {"terrain", 0.0, 0.0, 30.0, 310.0, -8.0},
 };
 
-/* Metres along a unit normal by which the automatic bias moves a point (query.h, UMB_BIAS_AUTO). */
+/* Returns the metres along a unit normal by which the automatic bias moves a point (query.h,
+ * UMB_BIAS_AUTO). */
 static double bias_m(const struct bench_scene *scene, const double normal[3], int taps)
 {
     const double(*step)[3] = scene->frustum.voxel_step;
@@ -77,8 +78,8 @@ void bench_points_finish(struct bench_points *points)
     memset(points, 0, sizeof *points);
 }
 
-/* Adds a surface point, moved by `more_m` and the bias; not if it faces away from the sun: such
- * points are shadowed by their normal, and are not looked up. */
+/* Adds a surface point, moved by `more_m` and the bias. Does not add a point that faces away from
+ * the sun: its normal alone decides that it is shadowed, without a look-up. */
 static void surface_take(const struct bench_scene *scene, const double position[3],
                          const float raw_normal[3], double more_m, struct bench_points *points)
 {
@@ -101,7 +102,7 @@ static void surface_take(const struct bench_scene *scene, const double position[
     points->count++;
 }
 
-/* A camera at eye height above the highest ground where the scene's stand is. */
+/* Places a camera at eye height above the highest ground under the scene's viewpoint. */
 static void stand_take(const struct bench_scene *scene, struct umbt_camera_request *request)
 {
     const struct stand *stand = stands;

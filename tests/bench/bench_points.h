@@ -3,12 +3,12 @@
 #define UMBRAGE_TESTS_BENCH_POINTS_H
 /*
  * The points of the query rows, the same for every party: floats relative to the asset's origin,
- * already moved off their surface, so that no time has the bias in it.
+ * already moved off their surface, so that no measured time includes the bias.
  *
  *   gbuffer
  *       a picture of 1920x1080 pixels from inside the scene: at eye height in a street of the city,
- *       30 m above a slope of the terrain; what it shows and the sun does not shine at from behind,
- *       in blocks of 4x2 pixels (packets of eight rays are then as coherent as they can be); moved
+ *       30 m above a slope of the terrain; the visible points that face the sun, in blocks of 4x2
+ *       pixels (packets of eight rays are then as coherent as they can be); moved
  *       as the product's automatic bias would move it for `taps`
  *   gbuffer-overview
  *       the same of a camera that has the whole scene in 1280x720 pixels, a dozen voxels apart
@@ -22,8 +22,9 @@
 struct bench_points {
     const char *name; /* "gbuffer", "gbuffer-overview" or "random" */
     size_t count;
-    float *at[3];              /* [3 * count] for 1, 9 and 17 taps */
-    float *surface, *normals;  /* [3 * count] before the bias, for who moves them himself */
+    float *at[3]; /* [3 * count] for 1, 9 and 17 taps */
+    /* [3 * count] before the bias, for parties that apply the bias themselves */
+    float *surface, *normals;
     struct umbt_camera camera; /* of a picture */
 };
 

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * unary-1, unary-65536, stream-1, stream-64: server CPU time a request, in ratios of runs right
- * after one another. All points lie at the top of the light's frustum, above everything, where a
- * look-up is decided at once, so that the protocol is most of what is measured.
+ * Measures the rows unary-1, unary-65536, stream-1 and stream-64: the server's CPU time for a
+ * request, as ratios of runs made right after one another. All points lie at the top of the light's
+ * frustum, above all casters. A look-up ends at once there, so most of the time measured is that of
+ * the protocol.
  */
 #include "bench_protocol.h"
 
@@ -42,7 +43,7 @@ static void stop_peers(void)
     }
 }
 
-/* Starts a peer; its port stays 0 if it is not there. */
+/* Starts a peer. Its port stays 0 if the peer was not built. */
 static void start_peer(struct server *server, const char *folder, const char *name,
                        const char *asset)
 {
@@ -81,7 +82,7 @@ static double process_cpu_s(pid_t process)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Microseconds of server CPU a call. */
+/* Returns the microseconds of server CPU time for a call. */
 static double cost_us(const struct server *server, struct caller_job job,
                       enum caller_protocol protocol)
 {
@@ -138,7 +139,7 @@ static void race_one(const char *name, const char *figure, const struct server *
     bench_row(BENCH, name, figure, "lower", &ratios);
 }
 
-/* Goes from the scene's middle towards the light, as far as the frustum reaches. */
+/* Returns a point between the scene's middle and the light, as far out as the frustum reaches. */
 static void fill_points(const char *path, float points[3 * POINTS_MAX])
 {
     struct umb_asset *asset = peer_asset(path);

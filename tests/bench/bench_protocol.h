@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_TESTS_BENCH_BENCH_PROTOCOL_H
 #define UMBRAGE_TESTS_BENCH_BENCH_PROTOCOL_H
 /*
- * The races of protocols: CPU time of the server process a request, umbraged against gRPC's C++
- * library and against bare frames, all doing the same work for the same client (bench_caller.h).
+ * Races of protocols: the CPU time of the server process for a request is compared between
+ * umbraged, gRPC's C++ library and bare frames, all doing the same work for the same client
+ * (bench_caller.h).
  */
 #include <sys/types.h>
 

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-bench_python.py [POINTS]: the Python module against a C program (python_peer.c) on the same points, round by round:
-large batches on one thread and on two, and what a batch of 64 points costs above C. Then against one Embree ray a
-point, by the time that `umbrage verify` says. Prints one JSON object a row.
+bench_python.py [POINTS]: races the Python module with a C program (python_peer.c) on the same points, round by
+round: large batches on one thread and on two, and the extra cost of a batch of 64 points. Then the module is
+compared with one Embree ray a point, whose time `umbrage verify` prints. Prints one JSON object a row.
 """
 import json
 import os

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-query: the product's queries against a 16-bit shadow map and against rays.
+ * bench-query races the product's queries with a 16-bit shadow map and with rays.
  *
  * All parties get the same float points, already moved off their surfaces, and write one float a
  * point. In a run each does all points, one right after the other, on one core, in CPU time of the
- * thread; a row is the median over the runs of theirs over ours. Each peer's best way for these
- * points is found beforehand, by trying. Rows named sm16 race the shadow map as it is usually laid
- * out, row by row; rows named sm16_tiled race 8 x 4 texels a cache line, which is faster for wide
- * windows and is not how anybody's renderer writes it.
+ * thread; a row is the median over the runs of theirs over ours. For each peer, the way that is
+ * fastest for these points is found beforehand by trials. Rows named sm16 race the shadow map as it
+ * is usually laid out, row by row; rows named sm16_tiled race 8 x 4 texels a cache line, which is
+ * faster for wide windows, but which no renderer writes.
  */
 #include <math.h>
 #include <pthread.h>
@@ -32,7 +32,7 @@
 #define RANDOM_POINTS 262144U
 #define RANDOM_RAYS   65536U /* rays are slow: their rate on the first of the points */
 
-/* One scene, everything made that its rows need. */
+/* One scene, with everything made that its rows need. */
 struct stage {
     struct bench_scene scene;
     struct umbt_map16 map; /* 16384 only */
@@ -170,7 +170,8 @@ static void race_prepare(struct race *race, const struct bench_asset *asset)
     }
 }
 
-/* Tunes one layout of the shadow map, and checks that it answers as the product does. */
+/* Chooses the fastest way for one layout of the shadow map, and checks that its answers are those
+ * of the product. */
 static void map_tune(struct race *race, struct umbt_map16_query *map, int t, int closed_rule)
 {
     const char *layout = map->way == UMBT_MAP16_TILES ? "tiles" : "rows";
@@ -192,7 +193,7 @@ static void map_tune(struct race *race, struct umbt_map16_query *map, int t, int
     }
 }
 
-/* Finds each peer's best way, and checks that all give the same answers. */
+/* Finds each peer's fastest way, and checks that all peers give the same answers. */
 static void race_tune(struct race *race, int closed_rule)
 {
     for (int t = 0; t < 3 && race->stage->has_map; t++) {
@@ -256,7 +257,8 @@ static int race_is_noisy(const struct race *race)
     return noisy;
 }
 
-/* What a shadow map and what no look-up at all would reach in the place of ours. */
+/* Measures the limits of our side: the time if the points were answered by a shadow map, and the
+ * time without any look-up. */
 static void limits_report(const struct race *race)
 {
     const char *rays = race->ray_races == 2 ? "occluded8" : "best_embree";
@@ -304,7 +306,7 @@ static void race_report(const struct race *race)
               1e9 * bench_median(&race->moving_s));
 }
 
-/* Half of a batch, answered by a thread of its own. */
+/* Half of a batch, answered by a separate thread. */
 struct half {
     const struct race *race;
     unsigned core;
@@ -326,8 +328,8 @@ static void *half_run(void *user)
     return NULL;
 }
 
-/* Seconds on the wall that `threads` (1 or 2) take for the batch, each on a core of its own, from
- * when the first begins until the last has ended. */
+/* Returns the wall-clock seconds that `threads` threads (1 or 2), each on a core of its own, take
+ * for the batch, from the start of the first until the end of the last. */
 static double threads_run(const struct race *race, unsigned threads)
 {
     const size_t count = race->points->count, middle = count / 2 / 16 * 16;
@@ -361,7 +363,8 @@ static void threads_report(const struct race *race)
     bench_row(BENCH, race->name, "threads2_vs_1", "higher", &ratios);
 }
 
-/* The lines that random points touch: what reading them alone would take. */
+/* Measures the cache lines that random points touch: the time to read those lines and do nothing
+ * else. */
 static void lines_prepare(struct race *race)
 {
     race->lines.lines = malloc(race->points->count * LINES_FLOOR_MAX * sizeof *race->lines.lines);
@@ -422,7 +425,7 @@ static void stage_finish(struct stage *stage)
     bench_scene_finish(&stage->scene);
 }
 
-/* only: the set of points that is raced alone, or NULL. */
+/* In: only: name of the one set of points to race, or NULL for all. */
 static void scene_run(const char *name, uint32_t log2_size, const char *assets, const char *only)
 {
     struct stage stage;

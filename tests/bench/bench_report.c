@@ -18,7 +18,7 @@ struct row {
     int seen; /* in the table of bars */
 };
 
-/* One program prints one bench's rows; they are kept here until the table. */
+/* A program prints the rows of one bench. They are kept here until the table is printed. */
 static struct row rows[ROWS_MAX];
 static size_t row_count;
 static double start_s;
@@ -53,7 +53,8 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The value that a share of the samples lies below, between neighbours in proportion. */
+/* Returns the value below which a share of the samples lies, interpolated between neighbouring
+ * samples. */
 static double quantile(const struct bench_samples *samples, double share)
 {
     double sorted[BENCH_RUNS_MAX];
@@ -108,7 +109,7 @@ void bench_row_counted(const char *bench, const char *name, const char *figure, 
     row_print(bench, &row, 1);
 }
 
-/* Cuts a line at its tabs; returns the number of fields, at most `max`. */
+/* Splits a line at its tabs; returns the number of fields, at most `max`. */
 static size_t fields_cut(char *line, char **fields, size_t max)
 {
     size_t count = 0;
@@ -141,7 +142,7 @@ static const char *verdict(double value, int lower, double bar, double aim)
     return (lower ? value <= bar : value >= bar) ? "bar" : "BELOW";
 }
 
-/* One line of the table of bars; nothing if it belongs to another bench or size. */
+/* Reads one line of the table of bars; ignores it if it belongs to another bench or size. */
 static void bar_show(char *line, const char *bench, const char *size)
 {
     char *f[7];

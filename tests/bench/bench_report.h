@@ -8,8 +8,7 @@
  * value is the median of one ratio a run, both sides of which were measured in that run, one
  * right after the other. The spread is the distance of the quartiles over the median: above 0.15
  * the machine was too busy and the row should be run again.
- * Talk goes to stderr. A failure of the program under test ends the process with its message:
- * there is no caller to recover for.
+ * Messages go to stderr. If the program under test fails, the bench ends with its message.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -24,7 +23,7 @@ struct bench_samples {
     int count;
 };
 
-/* Seconds: of this thread's own work, or of the clock on the wall. */
+/* Returns seconds of CPU time of the calling thread, or of the wall clock. */
 double bench_cpu_s(void);
 double bench_wall_s(void);
 
@@ -36,14 +35,14 @@ double bench_spread(const struct bench_samples *samples);
 void bench_row(const char *bench, const char *name, const char *figure, const char *better,
                const struct bench_samples *samples);
 
-/* The same for a figure that is counted, not timed. */
+/* Prints a row like bench_row, for a figure that is counted, not timed. */
 void bench_row_counted(const char *bench, const char *name, const char *figure, const char *better,
                        double value);
 
 /*
  * Prints all rows as a table on stderr; if the environment's UMBRAGE_BENCH_BARS names a table of
- * bars (tab-separated: bench, size, case, figure, better, at_least, aim), with the bars of `bench`
- * and `size`, and the rows that are missing.
+ * bars (tab-separated: bench, size, case, figure, better, at_least, aim), the table also shows the
+ * bars of `bench` and `size`, and names rows that are missing.
  */
 void bench_table(const char *bench, const char *size);
 

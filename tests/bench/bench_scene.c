@@ -307,8 +307,9 @@ void bench_texel(const struct umbb_tile *tile, int32_t size, int32_t x, int32_t 
 {
     const size_t block = (size_t)(y >> 3) * (size_t)(tile->size >> 3) + (size_t)(x >> 3);
     if (tile->min_end[3][block] == size && tile->max_lit[3][block] == size) {
-        /* Perhaps never written; if written, min_end says that every end is `size`, and lit may
-         * still be less only where a solid reaches the last voxel, which a fitted box rules out. */
+        /* The square may never have been written. If it was, min_end says that every `end` is
+         * `size`. Then `lit` could be less only where a solid reaches the last voxel, which cannot
+         * happen in a fitted box. */
         *lit = size;
         *end = size;
         return;

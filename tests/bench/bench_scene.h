@@ -25,7 +25,7 @@ struct bench_scene {
     double origin[3];
 };
 
-/* assets: a folder that is empty when the run begins, or NULL to bake everything afresh. */
+/* In: assets: folder for bakes, empty when the run begins; NULL: every program bakes anew. */
 void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2_size,
                       const char *assets);
 void bench_scene_trace(struct bench_scene *scene); /* builds the rays */
@@ -46,12 +46,13 @@ void bench_asset_make(const struct bench_scene *scene, int closed_rule, int meas
                       struct bench_asset *asset);
 void bench_asset_finish(struct bench_asset *asset);
 
-/* Calls fn for every tile of the map, with its texels and pyramid filled, row by row. */
+/* Calls fn for every tile of the map, row by row, with the tile's texels and pyramid filled in. */
 typedef void (*bench_tile_fn)(void *user, const struct umbb_tile *tile);
 #define BENCH_TILE_LOG2 12U
 void bench_tiles(const struct bench_scene *scene, int closed_rule, bench_tile_fn fn, void *user);
 
-/* lit and end of a texel of such a tile; background squares are never read. */
+/* Reads `lit` and `end` of a texel of such a tile. Texels of background squares are not read from
+ * memory. */
 void bench_texel(const struct umbb_tile *tile, int32_t size, int32_t x, int32_t y, int32_t *lit,
                  int32_t *end);
 

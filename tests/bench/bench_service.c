@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench-service: the daemon against other protocols (bench_protocol.h), and against the library in
+ * bench-service races the daemon with other protocols (bench_protocol.h), and with the library in
  * process.
  *
- * pcf9-65536, points_vs_in_process: points a second that umbraged answers over loopback TCP with
- * one worker, its loop and its worker on one core, the client on the other; over points a second of
- * the same batches in this process on one core. Batches of 65536 points, 9 taps, one byte an
- * answer; a few calls are under way at a time, as any client that wants throughput does. Wall time
- * on both sides. The first answers of both are compared, byte for byte.
+ * The row pcf9-65536, points_vs_in_process is a ratio. The numerator is the points a second that
+ * umbraged answers over loopback TCP, with its loop and its one worker on one core and the client
+ * on the other. The denominator is the points a second of the same batches in this process on one
+ * core. Batches of 65536 points, 9 taps, one byte an answer; a few calls are under way at a time,
+ * as any client that wants throughput does. Wall time on both sides. The first answers of both are
+ * compared, byte for byte.
  */
 #define _XOPEN_SOURCE 700 /* nftw */
 #include <ftw.h>
@@ -44,10 +45,10 @@ struct daemon {
     pid_t process;
 };
 
-/* The one daemon: known here, so that it is stopped however the program ends. */
+/* The daemon, global so that it is stopped in whatever way the program ends. */
 static struct daemon daemon_run = {.process = -1};
 
-/* A run of calls; written by the client's thread, read by the main one. */
+/* A run of calls; the client's thread writes to it, the main thread reads it. */
 struct flight {
     atomic_uint done, failed;
     uint8_t *answers; /* [BATCH], of the last reply */
@@ -118,7 +119,7 @@ static void daemon_start(struct daemon *daemon, const char *program)
     }
 }
 
-/* The daemon keeps a cache in its store. */
+/* Removes one entry of the daemon's store, for nftw: the store has a cache folder, too. */
 static int entry_remove(const char *path, const struct stat *info, int kind, struct FTW *at)
 {
     (void)info;

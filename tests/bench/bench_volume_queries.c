@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What segments, columns and boxes cost: nanoseconds a record in process on one thread, and
- * microseconds a call of a daemon for one record and for many.
+ * Measures what segments, columns and boxes cost: in process, nanoseconds a record on one thread;
+ * over a daemon, microseconds a call for one record and for many.
  *
  *     bench_volume_queries FILE [ADDRESS ASSET]      the asset is that of the file
  *
@@ -42,7 +42,7 @@ enum kind {
     BOXES
 };
 
-/* In process a thread's own time, of a daemon the time that passes. */
+/* In process the thread's CPU time is measured, with a daemon the wall-clock time. */
 static double now_s(const struct bench *bench)
 {
     struct timespec now;
@@ -58,7 +58,7 @@ static double next_unit(struct bench *bench)
     return (double)((z ^ z >> 31) >> 11) * 0x1p-53;
 }
 
-/* Pairs of points: the second as far from the first on each axis as `length` says. */
+/* Makes pairs of points. `length` says how far the second point is from the first on each axis. */
 static void draw(struct bench *bench, const double length_m[3])
 {
     for (size_t i = 0; i < MANY; i++) {
@@ -84,7 +84,7 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
     struct umb_error error = {0};
     const struct umb_segments pairs = {
         .ends = bench->ends, .format = UMB_POINT_F64, .count = count};
-    /* Columns take every other end, which does no harm. */
+    /* Columns use every second end point. */
     const struct umb_points points = {
         .positions = bench->ends, .format = UMB_POINT_F64, .count = count};
     struct umb_segment_answers segments = {.segments = bench->segments};
@@ -114,7 +114,7 @@ static void ask(struct bench *bench, enum kind kind, size_t count)
     }
 }
 
-/* Seconds that `calls` of `count` records take, the least of some runs. */
+/* Returns the least time in seconds, of some runs, that `calls` calls of `count` records take. */
 static double least_s(struct bench *bench, enum kind kind, size_t count, size_t calls)
 {
     double least = INFINITY;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * False light and false shadow of biases for a window of 9 x 9 texels, on what a camera sees where
- * it faces the sun by more than UMBT_JUDGED_FACING. The rejected biases are computed here texel by
- * texel from the asset's voxels; the others are answers of queries.
+ * Measures false light and false shadow of several biases for a window of 9 x 9 texels. The points
+ * are those that a camera sees and that face the sun with a cosine above UMBT_JUDGED_FACING. The
+ * rejected biases are computed here texel by texel from the asset's voxels; the others are answers
+ * of queries.
  *
  *     bias_race SCENE ASSET WIDTH HEIGHT y|z
  *
@@ -63,7 +64,8 @@ static int voxel_lit(const struct race *race, int64_t x, int64_t y, int64_t z)
     return place.brick ? umb__brick_voxel(place.brick, at[0], at[1], at[2]) : place.lit;
 }
 
-/* Share of lit texels of the window around v, texel (i, j) at depth z[j][i]. */
+/* Returns the share of lit texels of the window around v, where texel (i, j) is read at depth
+ * z[j][i]. */
 static double window_share(const struct race *race, const double v[3], int64_t z[TAPS][TAPS])
 {
     int lit = 0;
@@ -109,13 +111,14 @@ static double smallest(const struct race *race, const struct receiver *r)
     return fmin(by_normal(race, r), by_light(race, r));
 }
 
-/* Voxels of depth from the plane's depth at a texel's centre to the voxel in front of it. */
+/* Returns the voxels of depth from the plane's depth at a texel's centre to the voxel before the
+ * plane. */
 static double margin(const struct receiver *r)
 {
     return 0.5 + (0.5 * steepness(r) + 0.5) / 64;
 }
 
-/* The plane's depth at the centre of the window's middle texel. */
+/* Returns the plane's depth at the centre of the window's middle texel. */
 static double middle_depth(const struct receiver *r)
 {
     double depth = r->v[2];
@@ -137,7 +140,8 @@ static double by_plane(const struct race *race, const struct receiver *r)
     return window_share(race, r->v, z);
 }
 
-/* Each row or column lies on the plane, whichever is steeper; a lift clears the other axis. */
+/* Each row, or each column, lies on the plane: the axis along which the plane is steeper. A lift
+ * clears the other axis. */
 static double by_rows(const struct race *race, const struct receiver *r)
 {
     int64_t z[TAPS][TAPS];
@@ -150,7 +154,8 @@ static double by_rows(const struct race *race, const struct receiver *r)
     return window_share(race, r->v, z);
 }
 
-/* Nine windows of 3 x 3, each with a lift of its own, within the bricks of the foremost one. */
+/* Nine windows of 3 x 3 texels, each with its own lift. None is read behind the bricks in which the
+ * foremost window lies. */
 static double by_thirds(const struct race *race, const struct receiver *r)
 {
     int64_t z[TAPS][TAPS], first = INT64_MAX;
@@ -220,7 +225,8 @@ static int sees_light(const struct race *race, const double from[3])
                           2 * race->scene.diagonal_m);
 }
 
-/* Share of lit rays over the window's part of the plane. In: start: on the plane. */
+/* Returns the share of lit rays over the part of the plane that the window covers. In: start: a
+ * point on the plane. */
 static double patch_share(const struct race *race, const struct receiver *r, const double start[3])
 {
     int lit = 0;

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a budget is kept: `umbrage query --budget NS` on 10^6 points, five times each, against what
-its calibration expected. Each query is calibrated anew and may choose another setting, so runs are compared by
-taken / expected: their median must lie within 20 % of 1, if they spread by at most 15 % (the least and the
-largest left out).
-`make budgets`; exit code 1: one that counts does not."""
+"""Checks that a budget is kept: `umbrage query --budget NS` runs on 10^6 points, five times each, and its time
+is compared with what its calibration expected. Each query is calibrated anew and may choose another setting,
+so runs are compared by taken / expected: their median must lie within 20 % of 1. Ratios that spread by more
+than 15 % (without the least and the largest) do not count. `make budgets` runs it. Exit code 1: a median that
+counts is too far from 1."""
 
 import json
 import os

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a 16-bit depth map of one view would take, the peer of streamed pages
+ * Computes the bytes that a 16-bit depth map of one view would take, to compare with fetched pages
  * (docs/results/paging.md).
  *
  *     depth_view ASSET.umb POINTS.f32 TAPS        points with normals, six floats each
  *
  * The map is made to measure: the depths of the asset's own texels, cropped to the rectangle that
  * the windows of the points facing the light meet, or to the blocks of 8 x 8 texels that some
- * window meets, which a server could only do that knows the points. Each texel is coded as its
- * difference to the one before it, bytes of one weight behind one another, zstd at level 19: the
- * smaller of that and the same without splitting bytes. Prints one JSON object.
+ * window meets. Only a server that knows the points could do the latter. Each texel is coded as its
+ * difference to the one before it, with low and high bytes apart or together, and compressed by
+ * zstd at level 19. The smaller result counts. Prints one JSON object.
  * Of a closed asset the depths are where the tree turns to shadow: smoother than true ones.
  */
 #include <math.h>
@@ -61,7 +61,7 @@ static void add_point(struct view *v, const struct umb_points *points, size_t i)
     }
 }
 
-/* Voxels before the first shadowed one, as 16 bits. */
+/* Returns the number of voxels before the first shadowed one of each column, in 16 bits. */
 static uint16_t depth_of(const struct view *v, uint32_t x, uint32_t y)
 {
     struct umb_volume_stats stats = {0};
@@ -76,7 +76,8 @@ static uint16_t depth_of(const struct view *v, uint32_t x, uint32_t y)
     return (uint16_t)(v->tree.log2_size > 16 ? z >> (v->tree.log2_size - 16) : z);
 }
 
-/* Depths row by row of blocks, each as its difference to its left or upper neighbour. */
+/* Codes depths block by block and row by row, each as its difference to its left or upper
+ * neighbour. */
 static size_t code_blocks(const struct view *v, int only_met, uint16_t *out)
 {
     size_t count = 0;

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables of docs/results/effects.md: what the plan of every real scene says, and what each effect
-costs with the plan's state and with the other one. `make effects-table` runs it (RESOLUTION=2048); scenes
+"""The tables of docs/results/effects.md: the plan of every real scene, and the cost of each effect in the
+state that the plan chooses and in the other state. `make effects-table` runs it (RESOLUTION=2048); scenes
 come from UMBRAGE_SCENES (default ../shared/scenes).
 
-A bake's time is the user time of one thread, the least of two, without comparison with rays; a
-query's is the kernel's own, the least of seven over the points that the pixels of a fitted picture
-see, with normals; of several lights the first is asked."""
+The time of a bake is the user time of one thread, the least of two, without the comparison with rays. The
+time of a query is the kernel's own, the least of seven, over the points with normals that the pixels of a
+fitted picture see. If there are several lights, the first is queried."""
 
 import json
 import os
@@ -22,8 +22,9 @@ LIST = os.path.join(ROOT, "tests", "scenes", "real_scenes.txt")
 POINTS = 262144
 REPEATS = 7
 
-# What to turn an effect to, where the plan has it otherwise. Penumbras are no other asset where they
-# are on, and `front` where they are not; parts that are open are not closed on anybody's word.
+# What to turn an effect to, where the plan has it otherwise. Penumbras are not in the list: turning
+# them off gives the same asset, and turning them on is the effect `front`. The closed rule is only
+# turned off, since open parts cannot be baked as closed.
 TURNED = {"closed": "off", "front": "on", "cut-out": "off", "transmittance": "off", "static": "on",
           "mraa": "on", "voaa": "on"}
 SUNS_OF = ("delft_all.obj", "denhaag_9solids.obj", "jacksboro.ply")
@@ -43,7 +44,7 @@ def run(*words):
 
 
 def plan_of(scene, *options):
-    """{effect: (state, reason)} and what else --plan says, or None."""
+    """Returns {effect: (state, reason)} and the rest of the output of --plan, or None."""
     found = run("umbrage-bake", scene, "--plan", "--json", "--quiet", *options)
     if found is None:
         return None
@@ -56,7 +57,7 @@ def state_of(effects, name):
 
 
 class Points:
-    """What a picture of the scene sees, relative to the asset's origin."""
+    """The points that a picture of the scene shows, relative to the asset's origin."""
 
     def __init__(self, scene, origin, folder):
         self.origin = "--origin=" + ",".join(map(repr, origin))
@@ -101,7 +102,8 @@ def figures(scene, points, resolution, folder, *options):
 
 
 def compare(scene, effects, points, resolution, folder):
-    """Cells as planned, and (effect, cells on, cells off) of each effect that can be turned."""
+    """Table cells of the asset as planned, and (effect, cells with it, cells without it) for each
+    effect that can be switched."""
     planned, rows = figures(scene, points, resolution, folder), []
     for name, other in TURNED.items():
         option = f"--effect={name}={other}"

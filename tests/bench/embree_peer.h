@@ -22,7 +22,8 @@ enum embree_way {
     EMBREE_WAYS,
 };
 
-/* One ray a point against the light: float[3 * count] relative to the origin; answers 1 or 0. */
+/* Traces a ray from each point towards the light; answers are 1 (lit) or 0. In: float[3 * count],
+ * relative to the origin. */
 struct embree_query {
     const struct embree_peer *peer;
     const float *points;
@@ -34,13 +35,13 @@ struct embree_query {
 
 void embree_run(const struct embree_query *query);
 
-/* Tries `ways` (bits 1 << way) and takes the quickest. */
+/* Tries the ways whose bits 1 << way are set in `ways`, and chooses the fastest. */
 void embree_tune(struct embree_query *query, unsigned ways);
 
 /*
- * Nearest depth of the texels of a square window from (x0, y0) of n x n, packets of eight
- * coherent rays of 4x2 texels, only where `covered` (n * n bytes) is 1. Returns the rays that hit.
- * Light space only; n: a multiple of 4.
+ * Finds the nearest depth of each texel of a window of n x n texels from (x0, y0), with packets of
+ * eight coherent rays for 4x2 texels. Rays are traced only where `covered` (n * n bytes) is 1.
+ * Returns the number of rays that hit. In: a peer in light space. n: a multiple of 4.
  */
 size_t embree_depth_window(const struct embree_peer *peer, int32_t x0, int32_t y0, int32_t n,
                            const uint8_t *covered, float *depth);

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Draws how shadow maps fail where the literature says they do, and with what helps:
+ * Draws the failures of shadow maps that the literature describes, and their remedies:
  *
  *     failure_pictures OUT.png
  *
- * Each row is a constructed scene seen along the light, each pixel a receiver above its texel, and
- * its grey what reaches it; from left to right the truth (PCF of the same window), the failure, and
- * the remedies. Printed is the light where there is none, as docs/explained/techniques.md has it.
+ * Each row is a constructed scene seen along the light. Each pixel is a receiver above its texel,
+ * and its grey is the light that reaches the receiver. From left to right stand the truth (PCF of
+ * the same window), the failure, and the remedies. The program also prints the mean light where the
+ * truth has none: the figures of docs/explained/techniques.md.
  */
 #include <stdio.h>
 
@@ -57,7 +58,7 @@ static void paint(int row, int column, const char *name, const float *values)
     }
 }
 
-/* Light where the truth has none, away from the map's border. */
+/* Returns the mean light where the truth has none, away from the map's border. */
 static void tell(const char *row, const char *name, const float *truth, const float *values)
 {
     double sum = 0.0, most = 0.0;
@@ -106,8 +107,8 @@ static void fill(float layer[HEIGHT][WIDTH], float value)
     }
 }
 
-/* A plate, and a disc high above it: where the disc's outline lies over the plate, a window of the
- * receiver below both holds two depths, and all of it is dark. */
+/* A plate, and a disc high above it. A receiver below both is dark. Where the disc's outline lies
+ * over the plate, its window holds two depths. */
 static void two_occluders(void)
 {
     static const struct panel panels[PANELS] = {

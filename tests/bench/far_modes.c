@@ -13,7 +13,7 @@
 
 #define UNKNOWN (-1.0)
 
-/* Shares of wide nodes by their first word, and of bricks by their number. */
+/* Lit shares of wide nodes, by their first word, and of bricks, by their number. */
 struct far_shares {
     struct umb__query query; /* One tap of the asset */
     double *nodes, *bricks;
@@ -74,7 +74,7 @@ static double brick_share(struct far_shares *shares, uint32_t number)
     return *share;
 }
 
-/* The lit share of what a link of level `level` leads to. */
+/* Returns the lit share of the voxels below a link of level `level`. */
 static double link_share(struct far_shares *shares, struct umb__link link, uint32_t level)
 {
     if (!link.mixed) {
@@ -95,7 +95,7 @@ static double link_share(struct far_shares *shares, struct umb__link link, uint3
     return *share;
 }
 
-/* The lit share of the aligned cube of 2^k voxels around a voxel in a brick. */
+/* Returns the lit share of the aligned cube of 2^k voxels a side around a voxel in a brick. */
 static double share_in_brick(const uint64_t brick[8], const uint32_t v[3], uint32_t k)
 {
     const uint32_t side = 1U << k, corner = ~(side - 1) & 7;
@@ -108,8 +108,8 @@ static double share_in_brick(const uint64_t brick[8], const uint32_t v[3], uint3
     return lit / (double)(side * side * side);
 }
 
-/* The lit share of the aligned cube of 2^k voxels around a voxel. Wide nodes have odd levels: a
- * cube of an even one is eight of a node's children. */
+/* Returns the lit share of the aligned cube of 2^k voxels a side around a voxel. Wide nodes have
+ * odd levels, so a cube of an even level is eight children of a node. */
 static double cube_share(struct far_shares *shares, const uint32_t v[3], uint32_t k)
 {
     const struct umb__tree tree = umb__tree_of(&shares->query);
@@ -137,8 +137,8 @@ static double cube_share(struct far_shares *shares, const uint32_t v[3], uint32_
     return sum / 8;
 }
 
-/* Two levels around a width, and the weight of the upper one. In: least: width of level 0; top: the
- * highest level. */
+/* Finds the two levels around a width, and the weight of the upper one. In: least: width of level
+ * 0. top: the highest level. */
 struct between {
     uint32_t level;
     double weight;
@@ -237,8 +237,8 @@ static bool move_by(const struct umb__query *q, const struct umb_points *points,
     return true;
 }
 
-/* Answer of one level of VOAA. A cube lies on the light's side of the surface's plane, wherever in
- * it the point is: the bias is that of two cubes. */
+/* Answers one level of VOAA. The bias is that of two cubes, so that the whole cube lies on the
+ * light's side of the surface's plane, wherever in it the point is. */
 static double voaa_level(struct far_shares *shares, const struct umb_points *points, size_t i,
                          uint32_t k)
 {

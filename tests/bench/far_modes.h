@@ -22,19 +22,19 @@ struct far_assets {
     double texel_m; /* Mean edge of a texel of the first */
 };
 
-/* Points of a view, and the width in metres of what each pixel covers of its surface. */
+/* Points of a view, and for each pixel the width in metres of the surface that it covers. */
 struct far_points {
     struct umb_points points;
     double *widths; /* [points.count] */
 };
 
-/* The lit shares of the nodes of an asset, found when first asked for. */
+/* The lit shares of an asset's nodes, computed when first needed. */
 struct far_shares;
 struct far_shares *far_shares_make(const struct umb_asset *asset);
 void far_shares_free(struct far_shares *shares);
 
-/* Answer all points. MRAA asks all points of a level in one batch; the other two go point by point.
- * far_window: the exact lit share of the square of the pixel's width at one depth. */
+/* These functions answer all points: MRAA with a batch for each level, the other two point by
+ * point. far_window: the exact lit share of the square of the pixel's width at one depth. */
 void far_mraa(const struct far_assets *assets, uint32_t taps, const struct far_points *view,
               double *answers);
 void far_voaa(const struct far_assets *assets, struct far_shares *shares,

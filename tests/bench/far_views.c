@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * far-views: ways to filter a far view against the mean over the pixel.
+ * far-views compares ways to filter a far view with the mean over each pixel.
  *
  *     far_views SCENE CAMERA FOLDER
  *
@@ -26,7 +26,8 @@ enum {
     VIEWS = 5,
     WIDTH = 512, /* Pixels of the first view */
     HEIGHT = 288,
-    SUBPIXELS = 8, /* Of a pixel of the first view, on each axis; in the next views 16, 16 ... */
+    /* Sub-pixels of a pixel of the first view on each axis; in the next views 16, 16 ... */
+    SUBPIXELS = 8,
     MOST = 16
 };
 
@@ -117,7 +118,7 @@ static void answer(const struct umb_asset *asset, const struct umb_query_setting
     umb_query_run(&query, points, 0, points->count, &answers);
 }
 
-/* Means of one tap over the sub-pixels of a row of pixels. */
+/* Computes the means of one tap over the sub-pixels of a row of pixels. */
 static void row_truth(const struct race *race, const struct umbt_gbuffer *fine,
                       const struct view *view, uint32_t row)
 {
@@ -167,7 +168,7 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Widths of the pixels' patches of surface, by the product's own explanation. */
+/* Finds the widths of the pixels' patches of surface, from the explanations of queries. */
 static double widths_make(const struct race *race, struct view *view)
 {
     const struct umb_query_settings settings = {.filter = UMB_FILTER_FOOTPRINT,
@@ -221,7 +222,7 @@ static void mode_run(struct race *race, enum mode mode, struct view *view)
     }
 }
 
-/* Mean difference from the truth, over the pixels that see the scene. */
+/* Returns the mean difference from the truth, over the pixels that see the scene. */
 static double mean_error(const struct view *view)
 {
     double sum = 0;

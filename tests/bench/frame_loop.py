@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Figures of frame loops for docs/results/paging.md: a walk through a scene, a depth picture a frame.
+Figures of frame loops for docs/results/paging.md: a walk through a scene with a depth picture for each step.
 
     tests/bench/frame_loop.py SCENE.glb STORE NAME CAMERA [--size 1280x720] [--frames 8] [--step M] [--taps 9]
 

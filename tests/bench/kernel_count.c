@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What tests/system/test_kernel_counts.sh lets valgrind count: one kernel over one small batch.
+ * Runs one kernel over one small batch, so that valgrind can count the instructions
+ * (tests/system/test_kernel_counts.sh).
  *
  *     kernel_count write FILE             makes the asset, in its mapped form
  *     kernel_count run FILE KERNEL TAPS   answers the points; KERNEL is a row of KERNELS, or query:

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_TESTS_LAMP_RACE_H
 #define UMBRAGE_TESTS_LAMP_RACE_H
 /*
- * Bakes of a point light against those of the scene's sun, from triangles to the octree:
+ * Races bakes of a point light against bakes of the scene's sun, from triangles to the octree:
  *
  *   point_vs_sun       CPU seconds of the light, all its faces together, over those of the sun
  *   point_face_vs_sun  the same for a mean face

@@ -11,8 +11,8 @@ static void note(struct lines_floor *floor, const void *line)
     floor->lines[floor->count++] = line;
 }
 
-/* The way of one voxel from its column to its brick, as kernel_descent.h goes it. The column itself
- * is left out: columns stay in the cache. */
+/* Lists the lines that the look-up of one voxel reads, from its column to its brick, in the order
+ * of kernel_descent.h. The column itself is left out: columns stay in the cache. */
 static void note_way(const struct umb__query *q, const int32_t v[3], struct lines_floor *floor)
 {
     uint32_t level = q->column_level;

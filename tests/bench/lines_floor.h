@@ -2,10 +2,11 @@
 #ifndef UMBRAGE_TESTS_LINES_FLOOR_H
 #define UMBRAGE_TESTS_LINES_FLOOR_H
 /*
- * The floor under every kernel that answers single points from the mapped layout: the cache lines
- * that their ways down touch, read at addresses known beforehand, asked for 64 ahead, nothing
- * computed. A kernel learns an address from the line before, so it can only be slower; where points
- * share lines, which scattered ones do not, it need not read as many.
+ * The least time of any kernel that answers single points from the mapped layout: the time to read
+ * the cache lines that the points' descents touch. Addresses are known beforehand, lines are
+ * prefetched 64 ahead, and nothing is computed. A kernel learns an address from the line before, so
+ * it can only be slower; where points share lines, which scattered ones do not, it need not read as
+ * many.
  */
 #include <stddef.h>
 #include "umbrage/query.h"
@@ -18,11 +19,11 @@ struct lines_floor {
 /* Most lines of one point: a piece, two of each node, a brick. */
 #define LINES_FLOOR_MAX 20U
 
-/* Notes the lines of a batch. lines: room for LINES_FLOOR_MAX a point. */
+/* Lists the cache lines of a batch. In: lines: room for LINES_FLOOR_MAX a point. */
 void lines_floor_note(const struct umb_query *query, const struct umb_points *points,
                       struct lines_floor *floor);
 
-/* Reads them. Returns an unused value, so that compilers do read. */
+/* Reads the lines. Returns an unused value, so that compilers do not drop the reads. */
 unsigned lines_floor_read(const struct lines_floor *floor);
 
 #endif

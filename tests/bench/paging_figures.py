@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The tables of docs/results/paging.md: what a thin client receives until it knows a view.
+The tables of docs/results/paging.md: the bytes that a thin client receives until it can answer a view.
 
     tests/bench/paging_figures.py [--size quick|full] [--keep FOLDER] [--only bytes,memory,links,picture]
 
@@ -142,7 +142,7 @@ def memory_rows():
 
 
 def served_by_daemon():
-    """A daemon on a folder that has the city as its only asset; returns its process and port."""
+    """Starts a daemon on a folder whose only asset is the city; returns its process and port."""
     store, addresses = tempfile.mkdtemp(), tempfile.mktemp()
     os.link(asset("city", 16384), os.path.join(store, "city.umb"))
     daemon = subprocess.Popen([os.path.join(BUILD, "umbraged"), "--store", store, "--listen", "tcp:127.0.0.1:0",

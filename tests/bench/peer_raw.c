@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The peer that knows no protocol: frames of a length, an id and a message, over TCP. Written to
- * win: one thread, epoll, messages read where they stay, all replies of a wake-up in one write.
+ * A peer without a protocol: it sends frames of a length, an id and a message over TCP. It is made
+ * to be fast: one thread, epoll, messages read in place, and one write for all replies of a
+ * wake-up.
  *
  *     peer_raw ASSET        prints its port
  */
@@ -55,7 +56,8 @@ static void answer(struct peer *peer, const struct umb_asset *asset, const uint8
         peer->out_capacity = 2 * needed;
         peer->out = grow(peer->out, peer->out_capacity);
     }
-    /* The gRPC prefix of the head is written over by ours, whose last three bytes come first. */
+    /* The message's gRPC prefix in the buffer is overwritten by the frame's head, whose last three
+     * bytes come first. */
     uint8_t *at = peer->out + peer->out_size + HEAD - UMBW_PREFIX_BYTES;
     size_t head = umbw_write_query_reply_head(&reply, at);
     size_t message = head - UMBW_PREFIX_BYTES + count;
@@ -141,7 +143,7 @@ static void drop(struct peer *peer)
     free(peer);
 }
 
-/* Asks to be told when a peer that did not take everything takes more. */
+/* Waits until the peer, which did not take all bytes, takes more. */
 static void rearm(int poll, struct peer *peer)
 {
     struct epoll_event event = {.events = EPOLLIN, .data.ptr = peer};

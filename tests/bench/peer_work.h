@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_BENCH_PEER_WORK_H
 #define UMBRAGE_TESTS_BENCH_PEER_WORK_H
 /*
- * What every server of a race does with a request besides speaking its protocol: check the points,
- * prepare and run the query of the library on one asset. So the races differ by protocol alone.
+ * The work of every server in a race apart from its protocol: it checks the points, and prepares
+ * and runs the library's query on one asset. So the races differ by protocol alone.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -19,7 +19,7 @@ struct umb_asset *peer_asset(const char *path);
 /* Answers count points with one byte each, one tap, no bias. Returns 0 if they are bad. */
 int peer_answer(const struct umb_asset *asset, const void *points, size_t count, uint8_t *values);
 
-/* A listening socket on a free port of 127.0.0.1, whose number goes to the standard output. */
+/* Opens a listening socket on a free port of 127.0.0.1, and prints the port on stdout. */
 int peer_listen(void);
 
 /* Says the port. */

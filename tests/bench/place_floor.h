@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_TESTS_PLACE_FLOOR_H
 #define UMBRAGE_TESTS_PLACE_FLOOR_H
 /*
- * The floor under every structure that answers shadows: points are read, moved to voxel space by
- * the product's own steps, and answers are written; nothing is looked up. What a ray costs over
- * this is the most that any data structure could reach.
+ * The least time of any data structure that answers shadows: points are read and moved to voxel
+ * space by the product's own steps, and answers are written, but nothing is looked up. What a ray
+ * costs over this is the most that any data structure could reach.
  */
 #include "umbrage/query.h"
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is the plan right about the closed rule? `make plan-scenes` bakes generated mixes of closed and
-open parts and the real scenes under both rules, and compares the bytes of the files with what
-`--plan` said. A scene fails if a forecast is wrong by more than a factor, or if the chosen rule has
-over a tenth more bytes than the other one.
+"""Checks the plan's decisions about the closed rule. `make plan-scenes` bakes generated mixes of
+closed and open parts and the real scenes under both rules, and compares the bytes of the files with
+what `--plan` said. A scene fails if a forecast is wrong by more than a factor, or if the chosen
+rule has over a tenth more bytes than the other one.
 
     plan_scenes.py [--resolution 4096,16384] [--factor 1.3] [--only NAME,...] [--mixes-only]
 """
@@ -23,7 +23,7 @@ BUILD = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
 SCENES = os.environ.get("UMBRAGE_SCENES", os.path.join(ROOT, "..", "shared", "scenes"))
 LIST = os.path.join(ROOT, "tests", "scenes", "real_scenes.txt")
 GENERATED = {"terrain": 256, "city": 20, "arch": 8, "bridge": 60, "hall": 7, "forest": 12}
-# A chosen rule may have this many times the bytes of the other one.
+# The chosen rule may have at most this many times the bytes of the other rule.
 BYTES_MAX = 1.1
 
 

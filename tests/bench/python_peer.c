@@ -26,7 +26,8 @@ static double now_s(void)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-/* Answers a share batch by batch, as a program that gets them one by one. */
+/* Answers a share of the points batch by batch, as a program would that receives batches one at a
+ * time. */
 static void *answer(void *user)
 {
     struct share *share = user;

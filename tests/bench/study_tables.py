@@ -34,7 +34,8 @@ def short(value):
 
 
 def pick(report, method, resolution, taps, level=0, closed=None):
-    """A setting; of assets the closed one, if there is one and closed is not said."""
+    """Returns a setting. For assets the closed one, if there is one and the caller does not say
+    otherwise."""
     found = [row for row in report["results"]
              if row["method"] == method and row["taps"] == taps and row["level"] == level
              and report["bakes"][row["bake"]]["resolution"] == resolution
@@ -61,7 +62,7 @@ def megabytes(row):
 
 
 def peers(studies):
-    """Each filter at the finest resolution, beside what else answers the same points."""
+    """Each filter at the finest resolution, and the peers that answer the same points."""
     yield ("| scene | taps | wrong | off by, mean | visibility RMS | closed: ns, MB | open: ns, MB | depth map: ns, MB | "
            "NanoVDB: ns, MB | Embree: ns |\n|---|---|---|---|---|---|---|---|---|---|\n")
     for name, report in studies:
@@ -105,7 +106,7 @@ def derived(studies):
 
 
 def prices(studies):
-    """The second line of each verdict: what half the error costs."""
+    """The second line of each verdict: the price of half the error."""
     yield ("\n| scene | half the share of wrong answers: voxels a side | bytes | time of a look-up | bake |\n"
            "|---|---|---|---|---|\n")
     for name, report in studies:
@@ -116,7 +117,8 @@ def prices(studies):
 
 
 def techniques(studies):
-    """The nearest map of the literature to its own box, beside umbrage of equal texels and of equal bytes."""
+    """The nearest map of the literature, compared with its own box and with umbrage of equal texels and
+    of equal bytes."""
     yield ("\n| scene | nearest map: difference, MB, ns | umbrage of equal texels | without vectors, ns | "
            "of no more bytes |\n|---|---|---|---|---|\n")
     for name, report in studies:

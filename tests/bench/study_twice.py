@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a study can be repeated: `umbrage-study SCENE --quick` twice, afresh, and compared.
+"""Checks that a study can be repeated: runs `umbrage-study SCENE --quick` twice from nothing and compares the results.
 
 Errors must be equal to the last digit. Times are the least of many runs: those of both studies must
 agree within 15 % in the median over all settings; how far each pair is apart is printed. `make study-twice SCENE=FILE`; without SCENE a

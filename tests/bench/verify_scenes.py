@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real scenes against traced rays: bakes each scene of tests/scenes/real_scenes.txt under its closed
-rules at each resolution, compares a million points with rays, and prints a table. Ends with 1 if a
-point outside of the band of one voxel disagrees or a bake fails. `make verify-scenes` runs it
+"""Compares real scenes with traced rays: bakes each scene of tests/scenes/real_scenes.txt under its
+closed rules at each resolution, compares a million points with rays, and prints a table. Ends with 1
+if a point outside of the band of one voxel disagrees or a bake fails. `make verify-scenes` runs it
 (RESOLUTIONS="4096 16384"); scenes come from UMBRAGE_SCENES (default ../shared/scenes)."""
 
 import json
@@ -59,7 +59,8 @@ def row(scene, rule, light, resolutions, folder):
 
 
 def scene_rows(scene, rules, light, resolutions, folder):
-    """Rules that close something, and open: once, whatever the rule that leaves all open."""
+    """The rules that close something, and open once: all rules that leave everything open are the
+    same."""
     closed, outside = True, 0
     for rule in [rule for rule in rules if rule != "off"] + ["off"]:
         if closed or rule != "off":

@@ -43,8 +43,8 @@ static void scene_copy(const struct gen_mesh *mesh, struct oracle_scene *scene)
     }
 }
 
-/* World minus origin of a voxel's centre: the frustum's axes run through voxel (0, 0, 0)'s corner
- * at minus the transform's translation. */
+/* Position, world minus origin, of a voxel's centre. The corner of voxel (0, 0, 0) is at minus the
+ * transform's translation, and the frustum's axes start there. */
 static void centre_world(const struct bench_scene *scene, const int32_t voxel[3], double point[3])
 {
     const struct umb_frustum_info *frustum = &scene->frustum;
@@ -123,7 +123,7 @@ static void samples_finish(struct samples *samples)
     free(samples->answers);
 }
 
-/* One row of texels, for the assets from number `first` on. */
+/* Compares one row of texels, for the assets from number `first` on. */
 static void row_compare(const struct bench_scene *scene, const struct oracle_texel *row, uint32_t y,
                         struct samples samples[2], int first)
 {

@@ -2,10 +2,10 @@
 #ifndef UMBRAGE_TESTS_VOXEL_TRUTH_H
 #define UMBRAGE_TESTS_VOXEL_TRUTH_H
 /*
- * How many voxels of an asset are wrong, near the boundaries where they can be.
+ * Counts wrong voxels of an asset near the boundaries, where voxels can be wrong.
  *
  * The truth is the oracle's (tests/oracle/oracle_depth.h): lit and end of every texel of random
- * rows, in long double, without a line of the product. The asset is asked through its public query,
+ * rows, in long double, without a line of the product. The asset is read through its public query,
  * one tap, no bias, at the centres of all voxels within eight of lit or of end. Texels that the
  * oracle calls a tie, and undefined voxels, are left out.
  */

@@ -2,13 +2,15 @@
 #ifndef UMBRAGE_TESTS_YARDSTICK_2014_H
 #define UMBRAGE_TESTS_YARDSTICK_2014_H
 /*
- * The yardstick of the size rows: bytes of the same voxels in the encoding of 2014.
+ * Computes the bytes of voxels in the encoding of Sintorn et al. 2014, with which the size rows
+ * compare assets.
  *
  * A node is a 4-byte mask (two bits a child) and 4 bytes for each mixed child; the lowest nodes
  * have the eight 8x8x1 slices of a brick as children, and slices are shared 8-byte leaves. Equal
- * nodes and equal leaves exist once. The closed rule of 2014: what is wholly undefined takes its
- * neighbours' state, what is lit or undefined becomes lit, what is shadowed or undefined becomes
- * shadowed, for nodes and for slices; in a slice that has both, undefined voxels are shadowed.
+ * nodes and equal leaves exist once. The closed rule of 2014, for nodes and for slices: one that is
+ * wholly undefined takes its neighbours' state; one that has only lit and undefined voxels becomes
+ * lit; one that has only shadowed and undefined voxels becomes shadowed. In a slice with lit and
+ * shadowed voxels the undefined ones are shadowed.
  *
  * Source: Sintorn, Kampe, Olsson, Assarsson, "Compact Precomputed Voxelized Shadows", 2014,
  * sections 5 and 6.1.

@@ -4,10 +4,11 @@
 coverage_table.py BUILD: lines and branches that ran, by folder, and the ten files with the lowest
 share of branches. `make coverage` runs it after its tests.
 
-A branch is a way out of a conditional jump of the code that gcc makes at -O0: an `if` has two, each
-operand of && and || two more. None is left out, neither those of failed allocations nor those of
-assertions. An object that several programs link has one set of counts; a source that is compiled
-twice (the interop daemon) has the sum of both. Tests and generated code do not count.
+A branch is one of the two ways out of a conditional jump in the code that gcc makes at -O0: an `if`
+has two branches, and each operand of && and || has two more. All branches count, also those of
+failed allocations and of assertions. An object that several programs link has one set of counts; a
+source that is compiled twice (the interop daemon) has the sum of both. Tests and generated code do
+not count.
 """
 import collections
 import concurrent.futures
@@ -60,7 +61,7 @@ def totals_of(lines):
 
 
 def folder_of(name):
-    """client/core and server/bake are many folders: theirs count one by one."""
+    """client/core and server/bake have many folders: each of these counts by itself."""
     parts = name.split("/")
     deep = name.startswith(("client/core", "server/bake")) and len(parts) > 3
     return "/".join(parts[:3 if deep else 2])

@@ -7,8 +7,8 @@ FAULT_NEEDS := $(BUILD)/inject.so $(BUILD)/open_jobs $(addprefix $(BUILD)/,umbra
 fault-needs: $(FAULT_NEEDS)
 .PHONY: fault-needs
 
-# The functions are defined under both names, so neither may be renamed to the other; and calls of
-# malloc may not be folded by what the compiler knows of it.
+# The functions are defined under both names, so the compiler must not rename one to the other, nor
+# optimise calls of malloc by what it knows of them.
 $(FAULT_OBJ): INC_tests += -U_FILE_OFFSET_BITS -U_FORTIFY_SOURCE -fno-builtin
 
 $(BUILD)/inject.so: $(FAULT_OBJ)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the fault tests share: one run with one fault (inject.c), and the choice of the calls to fail.
+Shared by the fault tests: a run with one fault (inject.c), and the choice of the calls that fail.
 
     sweep = fault_sweep.Sweep(test)
     end = sweep.run(["umbrage", "info", path], calls="memory", action="ENOMEM", at=7)
     for at in sweep.points(end.calls): ...
 
-FAULT=short takes few points, otherwise at most LIMIT of a kind: then every k-th, and the first
-points all. What was swept is printed.
+With FAULT=short few calls are chosen, otherwise at most LIMIT of a kind: all of the first calls,
+then every k-th. The chosen calls are printed.
 """
 import contextlib
 import os
@@ -97,7 +97,8 @@ class Sweep:
 
     @contextlib.contextmanager
     def injected(self, *args, **named):
-        """Programs that start inside get the fault; for daemons. Gives the board."""
+        """For daemons: programs that start inside the `with` block get the fault. Gives the
+        counters shared with them."""
         self.boards += 1  # a daemon keeps its own for as long as it lives
         board = Board(self.test.path(f"board{self.boards}"))
         values = self.environment(board, *args, **named)
@@ -153,8 +154,9 @@ def read_trace(path):
 
 
 def failed_fsyncs_are_final(trace):
-    """After a failed fsync the kernel may have dropped the pages: no second try, no rename. A
-    folder is synced again only for another file that was renamed in it since."""
+    """After a failed fsync the kernel may have dropped the pages: a file must not be synced a
+    second time or renamed. A folder may be synced again only for another file that was renamed in
+    it since."""
     bad = set()
     for function, worked, path in trace:
         assert not (path in bad and function in ("fsync", "fdatasync", "rename")), \

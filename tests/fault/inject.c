@@ -61,7 +61,7 @@ static const struct {
 
 #define BOARD_BYTES 4096 /* of the file; at least one page */
 
-/* All processes of a run see one. Every field is set with one atomic operation. */
+/* One set of counters for all processes of a run. Every field is set with one atomic operation. */
 struct board {
     _Atomic uint64_t first, last; /* numbers of the calls that fail; first 0 = none */
     _Atomic uint64_t calls;       /* chosen calls made so far */
@@ -203,7 +203,7 @@ _Noreturn void fault_die(void)
     }
 }
 
-/* Counts one call; GO_ON, SHORTEN, TEAR or an errno. Dies for KILL. */
+/* Counts one call. Returns GO_ON, SHORTEN, TEAR or an errno. Ends the process for KILL. */
 static int decide(enum function function, uint64_t *number)
 {
     uint64_t n = atomic_fetch_add(&board->calls, 1) + 1;
@@ -337,7 +337,8 @@ static void trace(const struct call *call, int failed)
     errno = saved;
 }
 
-/* Fails the call if that was decided: 1, errno set. A torn call that writes nothing is a kill. */
+/* Fails the call if that was decided: returns 1 and sets errno. A torn call that writes nothing is
+ * a kill. */
 int fault_fails(const struct call *call)
 {
     if (call->verdict == TEAR) {

@@ -74,26 +74,28 @@ int fault_memory(enum function function);
 /* Counts a call of inject_system.c; 1 if it is to fail: errno is set. */
 int fault_system(enum function function);
 
-/* Weighs a call on an open file, or on a path below the folder `at` (AT_FDCWD: where we are). */
+/* Decides about a call on an open file, or on a path below the folder `at` (AT_FDCWD: the current
+ * folder). */
 void fault_weigh_fd(struct call *call, enum function function, int fd);
 void fault_weigh_path(struct call *call, enum function function, int at, const char *path);
 
-/* 1 if the call is to fail: errno is set. A torn call of a function that writes nothing dies. */
+/* Returns 1 if the call must fail; errno is then set. A torn call of a function that writes nothing
+ * ends the process. */
 int fault_fails(const struct call *call);
 
-/* Notes the call and hands back its result, -1 being a failure. */
+/* Records a call's result and returns it; -1 is a failure. */
 long fault_done(const struct call *call, long result);
 
 /* Ends the process as kill -9 does. */
 _Noreturn void fault_die(void);
 
-/* From here on calls count: the beginning of main. */
+/* Called at the beginning of main: calls count from here on. */
 void fault_begin(void);
 
 /* 1 if anything was asked for at all. */
 int fault_wanted(void);
 
-/* Ends the process with a sentence: a test must not run without its fault. */
+/* Ends the process with a message: a test must not run without its fault. */
 _Noreturn void fault_refuse(const char *what);
 
 /* path as the kernel would find it: absolute, or below the folder of `at`. */
@@ -121,8 +123,9 @@ enum record {
 /* 1 if a log is kept. */
 int record_wanted(void);
 
-/* Around an operation on an open file or folder: the lock of all processes is held from enter to
- * leave. enter: 0 if nothing is to be recorded. offset -1: the file's position. */
+/* Enclose an operation on an open file or folder: one lock for all processes is held from enter to
+ * leave. enter returns 0 if nothing is to be recorded. In: offset: -1 stands for the file's
+ * position. */
 int record_enter(int fd);
 void record_leave(int entered);
 void record_written(int entered, int fd, const void *bytes, long count, int64_t offset);
@@ -130,7 +133,7 @@ void record_file(int entered, enum record kind, int fd, long result, uint64_t of
 void record_mapped(int fd, int protection, int flags, long result);
 void record_sent(int fd, const void *bytes, size_t count);
 
-/* Around an operation on a name; _opened and _name leave. */
+/* Enclose an operation on a name; end with _opened or _name. */
 int record_enter_path(int at, const char *path, char full[PATH_MAX]);
 void record_opened(int entered, const char *full, int flags, long fd);
 void record_name(int entered, enum record kind, const char *full, const char *other, long result);

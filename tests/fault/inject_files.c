@@ -15,7 +15,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* How many of count bytes are to be written; 0 with a count above 0: none, the call fails. */
+/* Returns how many of `count` bytes to write; 0 with a count above 0 means that the call fails. */
 static size_t bytes_let_through(const struct call *call, size_t count)
 {
     if (call->verdict > GO_ON) {
@@ -164,7 +164,7 @@ static int open_counted(enum function function, int at, const char *path, int fl
     return (int)fault_done(&call, fd);
 }
 
-/* The mode of an open that may create; only then is there one. */
+/* Reads the mode argument of an open. Only an open that may create has one. */
 #define READ_MODE(flags, mode)                                                                     \
     do {                                                                                           \
         if (((flags)&O_CREAT) != 0 || ((flags)&O_TMPFILE) == O_TMPFILE) {                          \
@@ -203,7 +203,8 @@ EXPORT int openat64(int at, const char *path, int flags, ...)
     return open_counted(OPENAT, at, path, flags, mode);
 }
 
-/* What FORTIFY makes of an open whose flags the compiler does not know: they hold no O_CREAT. */
+/* FORTIFY calls these functions for an open whose flags the compiler does not know; the flags have
+ * no O_CREAT. */
 int __open_2(const char *path, int flags);
 int __open64_2(const char *path, int flags);
 int __openat_2(int at, const char *path, int flags);

@@ -43,7 +43,8 @@ EXPORT int syncfs(int fd)
     return (int)result;
 }
 
-/* Parts of a file that is written at once become writes of their own: a cut may fall between. */
+/* A write that covers several parts of a file is recorded as several writes: a power cut may fall
+ * between them. */
 static void note_parts(int entered, int fd, const struct iovec *parts, int count, long written,
                        off64_t offset)
 {

@@ -3,8 +3,9 @@
  * The rest of what inject.so stands in for: the beginning of main, programs started by execve, and
  * streams on files that fdopen and mkstemp make, whose writes glibc would hide inside itself.
  *
- * Invariants: originals are looked up once, before main; a stream of ours writes all or says how
- * far it came, as a stream of glibc does; a table that is full falls back to the original.
+ * Invariants: originals are looked up once, before main; a stream made here writes all bytes or
+ * reports how many it wrote, as a stream of glibc does; a table that is full falls back to the
+ * original.
  */
 #define _GNU_SOURCE /* RTLD_NEXT, fopencookie, mkstemp64 */
 #include "inject.h"
@@ -36,7 +37,7 @@ static FILE *(*real_fdopen)(int, const char *);
 static int (*real_fileno)(FILE *);
 static int (*real_mkstemp)(char *);
 
-/* A data pointer to a function pointer, as POSIX says dlsym's is to be turned. */
+/* Converts a data pointer to a function pointer in the way that POSIX gives for dlsym. */
 static void look_up(void *function, const char *name)
 {
     void *found = dlsym(RTLD_NEXT, name);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Stand-ins for calls about sockets, descriptors and threads, and for reads at an offset: what a
- * daemon asks of the system beside files and memory (inject.c says when they fail).
+ * Stand-ins for calls about sockets, descriptors and threads, and for reads at an offset: the calls
+ * of a daemon that concern neither files nor memory (inject.c says when they fail).
  */
 #define _GNU_SOURCE /* RTLD_NEXT, accept4, pread64 */
 #include "inject.h"
@@ -20,7 +20,7 @@
 
 static int (*real_pthread_create)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
 
-/* A data pointer to a function pointer, as POSIX says dlsym's is to be turned. */
+/* Converts a data pointer to a function pointer in the way that POSIX gives for dlsym. */
 __attribute__((constructor)) static void look_up_originals(void)
 {
     void *found = dlsym(RTLD_NEXT, "pthread_create");

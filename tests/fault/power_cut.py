@@ -306,7 +306,8 @@ class Run:
                 self.collect(child, nodes)
 
     def compare(self):
-        """The recording, replayed whole, must be what lies on the disk: nothing was missed."""
+        """Checks that the recording, replayed completely, gives what lies on the disk: no operation
+        was missed."""
         live = {}
         self.walk(self.root, "", lambda node: node.live, live)
         found = {path: data for path, _, data in snapshot(self.root_path)}
@@ -406,7 +407,8 @@ class Run:
 
 
 def folder_for_images(test):
-    """Memory, where there is a file system in it: images are written by the thousand."""
+    """Returns a folder in memory, if there is a file system for that: thousands of images are
+    written."""
     if os.access("/dev/shm", os.W_OK):
         folder = f"/dev/shm/umbrage-cut{os.getpid()}"
         atexit.register(shutil.rmtree, folder, True)

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A daemon without memory, call by call: while it serves each method of its services, one allocation
-fails. The call is answered right or refused; the next one is answered right; the daemon lives. The
-same for what it does beside calls: connections over TLS, the admin port, SIGHUP. Reads of an asset
-that fail end a Fetch with an error, never with other bytes.
+A daemon that runs out of memory: one allocation fails during a call of each method of its services.
+The call must be answered correctly or refused, the next call must be answered correctly, and the
+daemon must not end. The same is tested outside calls: for connections over TLS, the admin port and
+SIGHUP. If reads of an asset fail, a Fetch must end with an error, never with wrong bytes.
 """
 import os
 import shutil
@@ -29,9 +29,10 @@ R, Q = test.messages.regions, test.messages.questions
 SEED = 7
 POINTS = 40 if fs.SHORT else 200  # allocations of one kind of call that fail
 MANY = 20000  # points; so many go to the workers
-# Of a call that met the fault. UNAVAILABLE, INTERNAL, UNKNOWN: the connection or the stream was cut.
+# Codes of a call that met the fault. UNAVAILABLE, INTERNAL, UNKNOWN: the connection or the stream
+# was cut.
 REFUSED = (Code.RESOURCE_EXHAUSTED, Code.UNAVAILABLE, Code.INTERNAL, Code.UNKNOWN, Code.CANCELLED)
-# So that a lost connection is made anew at once.
+# Makes a lost connection reconnect at once.
 QUICK = [("grpc.initial_reconnect_backoff_ms", 20), ("grpc.min_reconnect_backoff_ms", 20),
          ("grpc.max_reconnect_backoff_ms", 50)]
 
@@ -176,7 +177,7 @@ CALLS = {
 
 
 def once_more(call):
-    """The call, with memory; a connection that was lost meanwhile is made anew."""
+    """Makes the call with memory; opens the connection again if it was lost meanwhile."""
     deadline = time.monotonic() + fs.HANG_S
     while True:
         try:
@@ -187,7 +188,7 @@ def once_more(call):
 
 
 def sweep_call(call, gentle=None):
-    """One allocation fails during each call; then the same is asked with memory."""
+    """Fails one allocation during each call; then makes the same call with memory."""
     wanted = call()
     before = board.calls
     assert call() == wanted, "two answers without any fault"

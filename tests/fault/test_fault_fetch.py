@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-umbrage fetch shows the old file or the new one: each call on the output's folder fails in turn,
-while a test server serves an asset. The file is synced before its rename, the folder after it. The
-bytes that arrived stay as FILE.part, from which the next fetch continues.
+umbrage fetch must leave the old file or the new one. Each call on the output's folder fails in
+turn, while a test server serves an asset. The file must be synced before its rename, and the folder
+after it. The bytes that arrived stay as FILE.part, from which the next fetch continues.
 """
 import os
 

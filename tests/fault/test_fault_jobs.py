@@ -128,7 +128,7 @@ def sound(job):
 
 
 def tell(what, ends):
-    """How many jobs ended how; not accepted: the submission was refused, or nobody was there."""
+    """Counts how jobs ended. Not accepted: the submission was refused, or no daemon listened."""
     names = [end or "not accepted" for end in ends]
     print(f"{len(names)} {what}: " + ", ".join(f"{names.count(name)} {name}"
                                                for name in sorted(set(names))))

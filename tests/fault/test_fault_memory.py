@@ -42,7 +42,7 @@ QUERY = ["--points", points, "--taps", 3, "--quiet"]
 
 
 # libuv 1.44 aborts if the table of its descriptors cannot grow (uv__io_start), which a new loop
-# does at once. Nothing outside of libuv can prevent that, so one call may end so, and only so.
+# does at once. Only libuv could prevent that, so one call may end in this way, and in no other.
 LIBUV_ABORTS = 1
 START_ABORTS = 2  # a daemon's table grows twice while it starts
 start_aborts = set()
@@ -130,9 +130,10 @@ def ask(socket):
 
 
 def answered_or_refused(socket):
-    """75, or 2 with the word memory: RESOURCE_EXHAUSTED (the client cannot tell a limit of its own
-    making from want of memory by the code). 69: the connection was dropped. 70: the stream was
-    reset, where there was no memory for a reply's headers. Never another answer."""
+    """Checks an exit code. 75, or 2 with the word "memory": RESOURCE_EXHAUSTED (from the code alone
+    the client cannot tell a limit that the request broke from lack of memory). 69: the connection
+    was dropped. 70: the stream was reset, because there was no memory for a reply's headers. A
+    wrong answer is never allowed."""
     code, text, err = ask(socket)
     if code == 0:
         assert text == answers, "a wrong answer"
@@ -232,7 +233,7 @@ def start(at, keep):
         else:
             said = [line for line in err.splitlines() if line.startswith("umbraged: ")]
             assert len(said) == 1, f"not one sentence: {err[-600:]}"
-            # 69: cannot listen, and says that it is for want of memory.
+            # 69: the daemon cannot listen, and says that memory is short.
             assert code == 75 or (code == 69 and "not enough memory" in said[0]), \
                 f"exit code {code}: {err[-600:]}"
         return not lives
@@ -246,7 +247,7 @@ started = test.daemon("--workers", 1)
 socket_path = started.socket_path
 for name in (["list"], ["info", "city"], ["query", "city"] + QUERY):
     with test.check(f"umbrage {name[0]} of a daemon ends right or with 75"):
-        # 69: what the connection needs could not be had, and so it was lost.
+        # 69: the connection was lost because memory for it was short.
         sweep_program(["umbrage"] + name, codes=(75, 69), aborts=LIBUV_ABORTS,
                       env={"UMBRAGE_ADDRESS": "unix:" + socket_path})
 started.stop()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Output files appear whole or not at all. For umbrage-bake, umbrage pack and umbrage unpack, each
-call on the output's folder (open, write, fsync, rename, close, map, unlink) fails in turn in every
-way we know, with an old output there and without. Afterwards:
+call on the output's folder (open, write, fsync, rename, close, map) fails in turn in every way we
+know, with an old output there and without. Afterwards:
 
 - under the output's name is the old asset, byte for byte, or the new one, complete and verified;
 - exit code 0 goes with the new one; any other code comes with one sentence on stderr;
@@ -21,9 +21,10 @@ test = ut.Test(limit_s=1500)
 sweep = fs.Sweep(test)
 WAYS = ("EIO", "ENOSPC", "EINTR", "EMFILE", "short", "kill", "tear")
 SHORT_WAYS = ("EIO", "EINTR", "short", "tear")
-# Unlink always works: where it fails too, a temporary stays, and a test of that would test nothing.
+# Unlink never fails here: if it did, a temporary would stay, as expected, and the test would prove
+# nothing.
 CALLS = "write,pwrite,fsync,fdatasync,rename,renameat,open,openat,mmap,ftruncate,close,mkdir"
-# umbrage's outputs are streams of the C library, which take an interrupted write for a failure;
+# umbrage's outputs are streams of the C library, which count an interrupted write as a failure;
 # umbrage catches no signals, so none is interrupted.
 GONE_ON_WITH = {"umbrage-bake": ("short", "EINTR"), "umbrage": ("short",)}
 CODES = {73, 74, 75}  # cannot create, input or output, temporary: docs/reference/operations.md
@@ -60,7 +61,8 @@ def prepare(with_old):
 
 
 def state(path, with_old):
-    """'old' (or nothing, if there was none), or 'new'; anything else is a broken promise."""
+    """Returns 'old' (also if there was no old file and there is none now) or 'new'; fails for any
+    other content."""
     if not os.path.exists(path):
         assert not with_old, "the old output is gone"
         return "old"

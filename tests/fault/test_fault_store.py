@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The daemon's cache is never believed half written. A daemon starts on a store without cache while
-each call on the cache folder fails, or the daemon is killed there. Then:
+A file of the daemon's cache that was written in part must never be used. A daemon starts on a store
+without cache, and each call on the cache folder fails in turn, or the daemon is killed at it. Then:
 
 - a daemon that lives answers right, drains, leaves no temporary, and its cache is whole or absent;
 - after a kill the next daemon answers right and rebuilds the same cache, byte for byte;

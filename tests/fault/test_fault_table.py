@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A job table whose disk does not read: each read of the start fails once, and then all from it on.
-The start works or is refused with the cause. A table that is sound is never called damaged, since
-that sentence asks the operator to restore a copy.
+A job table on a disk that cannot be read: each read at the start fails in turn, first alone, then
+with all later ones. The start works or is refused with the cause. A table that is sound is never
+called damaged, since that sentence asks the operator to restore a copy.
 """
 import hashlib
 import os

@@ -293,7 +293,7 @@ def run_service(recording):
 
 
 class Outcome:
-    """What the service makes of an image."""
+    """What the service makes of an image of the disk."""
 
     def __init__(self, folder, opener):
         opener.stdin.write(folder + "/jobs\n")
@@ -349,7 +349,7 @@ def start_opener():
 
 
 def cut_again(image, index, failures):
-    """Cuts the recovery from an image in its turn; the number of images of that."""
+    """Makes power cuts during the recovery from an image; returns the number of images."""
     again = test.path("again")
     image.write(again)
     before = power_cut.snapshot(again)
@@ -369,7 +369,7 @@ def cut_again(image, index, failures):
 
 
 def bake_all(folder, outcome, jobs):
-    """A whole daemon on an image ends all that is not over."""
+    """Starts a whole daemon on an image; it must bring all unfinished jobs to an end."""
     process = service(folder)
     try:
         up(process)

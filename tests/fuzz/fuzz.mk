@@ -68,8 +68,8 @@ HAS_FUZZER = echo 'int LLVMFuzzerTestOneInput(const char *b, long n) { (void)b; 
 fuzz: ## fuzz every target for T seconds (clang)
 	@$(MAKE) --no-print-directory -j$(CORES) $(FUZZ_CLANG) fuzz-live
 
-# A turn of CI: as many targets of FUZZ_CI as there are processors. The commit's hash says which; with
-# FUZZ_TURN=0, 1, 2 ... they come one after the other. FUZZ_NOW=all: every one.
+# The targets of one run of CI: as many of FUZZ_CI as there are processors. The commit's hash
+# chooses them; FUZZ_TURN=0, 1, 2 ... chooses one group after the other. FUZZ_NOW=all: all targets.
 FUZZ_TURN ?= $(shell printf '%d' 0x$$(git rev-parse --short=7 HEAD 2>/dev/null || echo 0))
 ifndef FUZZ_NOW
 FUZZ_NOW := $(shell echo $(FUZZ_CI) | awk -v turn=$(FUZZ_TURN) -v each=$(CORES) \

@@ -69,7 +69,8 @@ static void query_everywhere(const struct umb_asset *asset)
     }
 }
 
-/* Points of each light lie in a voxel that queries read, or there is a note. */
+/* Checks that each light's sample points lie in a voxel that queries read, or that a note explains
+ * why there are none. */
 static void sample_everywhere(const struct umb_asset *asset)
 {
     const struct umb_query_settings point = {.bias_mode = UMB_BIAS_NONE};
@@ -90,7 +91,7 @@ static void sample_everywhere(const struct umb_asset *asset)
     }
 }
 
-/* Segments, columns and small boxes; large ones of a hostile tree may take for ever. */
+/* Queries segments, columns and small boxes; a large box of a hostile tree may take hours. */
 static void walk_everywhere(const struct umb_asset *asset)
 {
     struct umb_volume volume;
@@ -130,7 +131,7 @@ static void walk_everywhere(const struct umb_asset *asset)
     }
 }
 
-/* What opened must survive exporting, packing and opening again. */
+/* An asset that opened must survive being exported, packed and opened again. */
 static void round_trip(const struct umb_asset *asset)
 {
     struct umb__octree octree;

@@ -16,7 +16,7 @@
 #define BUNDLE_BYTES ((uint64_t)1 << 30)
 #define MAX_MESSAGE  ((size_t)1 << 16)
 
-/* The message behind its prefix of a buffer that an encoder filled. */
+/* Returns the message behind the prefix, in a buffer that an encoder filled. */
 static const uint8_t *message_of(const struct umbw_buffer *buffer, size_t *size)
 {
     FUZZ_DEMAND(buffer->size >= UMBW_PREFIX_BYTES);
@@ -29,7 +29,7 @@ static int same_text(const char *a, const char *b)
     return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
 }
 
-/* No path of a manifest that was let through leads out of its folder or hides a word. */
+/* Checks that no path of an accepted manifest leads out of its folder or hides a word. */
 static void check_path(const char *path)
 {
     FUZZ_DEMAND(path[0] != '/' && path[0] != '\0' && strlen(path) <= UMBJ_PATH_MAX);
@@ -54,7 +54,7 @@ static void check_words(const struct umbj_manifest *manifest, const char *text)
     umbj_words_finish(&words);
 }
 
-/* As umbd_service_bakes hands it to the job service. */
+/* Passes the message on as umbd_service_bakes passes it to the job service. */
 static void check_manifest(const struct umbw_manifest *wire)
 {
     struct umbj_manifest manifest = {.scene = wire->scene,
@@ -219,13 +219,14 @@ static void reflection(const uint8_t *message, size_t size)
     if (umbw_reflection_answer(message, size, &buffer, NULL) == UMB_OK) {
         size_t length;
         (void)message_of(&buffer, &length);
-        /* The request comes back within, and a descriptor with all that it needs. */
+        /* The reply holds the request, and a descriptor with everything that the descriptor
+         * needs. */
         FUZZ_DEMAND(length <= 4 * size + MAX_MESSAGE);
     }
     umbw_buffer_finish(&buffer);
 }
 
-/* What was packed comes back, and never more than the limit. */
+/* Unpacking must give the bytes that were packed, and never more than the limit. */
 static void compressed(const uint8_t *bytes, size_t size)
 {
     uint8_t *out = NULL;

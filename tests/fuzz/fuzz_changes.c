@@ -50,7 +50,7 @@ static void compare(struct umb_partial *partial, uint8_t way)
     FUZZ_DEMAND(oracle_build(&oracle, NULL) == UMB_OK);
     FUZZ_DEMAND(umb_partial_want(partial, &view, 0, NULL) == UMB_OK);
     FUZZ_DEMAND(oracle_want(&oracle, &view, 0, NULL) == UMB_OK);
-    FUZZ_DEMAND(partial->want_steps <= 1024 + 65 * partial->node_count);
+    FUZZ_DEMAND(partial->want_steps <= 1024 + 17 * partial->node_count);
     compare_answers(partial, &oracle, way);
     for (uint32_t page = 0; page < partial->head.page_count; page++) {
         FUZZ_DEMAND(memcmp(&partial->pages[page].benefit, &oracle.benefit[page], sizeof(double)) ==

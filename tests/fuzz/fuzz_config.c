@@ -14,7 +14,7 @@
 
 #define BLANKS " \t\r\n\v\f"
 
-/* 1 if the word stands somewhere on its own, too: then it may well be a token. */
+/* Returns 1 if the word also occurs somewhere else on its own: then it may be a token. */
 static int twice(const char *text, const char *word, size_t length)
 {
     for (const char *at = text; *at != '\0';) {
@@ -28,7 +28,7 @@ static int twice(const char *text, const char *word, size_t length)
     return 0;
 }
 
-/* Demands of a token that was taken: as long as it must be, and good for something. */
+/* Requirements on an accepted token: it is long enough, and it gives some right. */
 static void check_token(const struct umbd_token *token, size_t length)
 {
     if (token != NULL) {
@@ -39,8 +39,8 @@ static void check_token(const struct umbd_token *token, size_t length)
     }
 }
 
-/* Looks for each word of the file, and for what would be left of it before a '#': a token is a
- * whole word or none. */
+/* Tries each word of the file as a token, and the part of it before a '#': only a whole word may be
+ * accepted. */
 static void check_words(struct umbd_token_set *set, const char *text)
 {
     uint8_t hash[UMBD_HASH_BYTES];
@@ -75,7 +75,7 @@ static void check_tokens(const char *path, const char *text)
     umbd_tokens_destroy(tokens);
 }
 
-/* What a config file says is printed so that it reads the same. */
+/* The settings of a config file are printed so that reading the output gives the same settings. */
 static void check_config(const char *path)
 {
     struct umbd_options options, again;

@@ -3,7 +3,7 @@
  * A whole connection of the daemon, in this process: store, loop and worker are the daemon's own, a
  * socket pair takes the place of the network. The input is a script of HTTP/2: frames that are
  * mostly well formed, calls of every method with and without a right, and raw bytes. The first byte
- * picks that, or the filter of frames alone.
+ * picks the script, or a test of the frame filter alone.
  *
  * Properties: the daemon sends only HTTP/2 frames that a server may send; after the peer's end no
  * connection, call or byte is held; the filter passes the same bytes however they are split.
@@ -128,13 +128,14 @@ static void turn(void)
     (void)uv_run(&daemon_of_all.server.loops[0].uv, UV_RUN_NOWAIT);
 }
 
-/* Where in a frame the daemon's answer is. */
+/* Position of the reader within a frame of the daemon's answer. */
 static struct {
     uint8_t head[9];
     size_t head_bytes, payload_left;
 } heard;
 
-/* A server opens no stream, so it sends on odd ones and on none; and no long frames. */
+/* A server opens no streams, so its frames are on odd streams or on stream 0; no frame is longer
+ * than allowed. */
 static void check_frame(void)
 {
     const uint8_t *h = heard.head;
@@ -162,7 +163,7 @@ static void follow(const uint8_t *bytes, size_t count)
     }
 }
 
-/* Takes what the daemon sent; returns 0 once it has closed. */
+/* Reads what the daemon sent; returns 0 once the daemon has closed. */
 static int hear(int socket)
 {
     uint8_t bytes[16384];
@@ -288,7 +289,7 @@ static uint32_t some_stream(struct script *script)
     return 1 + 2U * (next(script) % STREAMS_MOST);
 }
 
-/* A message with its prefix, or bytes as they are; whole or the beginning of one. */
+/* Makes a message with its prefix, or raw bytes; all of it or only the beginning. */
 static void say_data(struct script *script)
 {
     const uint8_t how = next(script);

@@ -47,7 +47,7 @@ static void open_table(void)
     }
 }
 
-/* A sound job, whose one column the input then replaces. */
+/* A valid job; the input replaces one of its columns. */
 static void submit_sound(void)
 {
     const struct umbj_submission submission = {.owner = owner,
@@ -67,7 +67,8 @@ static void submit_sound(void)
 static const char *const columns[] = {"settings", "scene", "id",    "owner", "cause",
                                       "state",    "key",   "asset", "epoch", "failure"};
 
-/* As text, blob or number: SQLite takes any of them in any column, but for what CHECK refuses. */
+/* Stores the input as text, blob or number. SQLite accepts any of them in any column, except where
+ * a CHECK refuses. */
 static int put(unsigned column, unsigned how, const uint8_t *bytes, size_t size)
 {
     sqlite3_stmt *statement = NULL;
@@ -88,7 +89,8 @@ static int put(unsigned column, unsigned how, const uint8_t *bytes, size_t size)
     return done;
 }
 
-/* A row's settings become words of a command line: each is one of their lines. */
+/* The settings of a row become words of a command line: each word must be one of the settings'
+ * lines. */
 static void check_settings(const char *settings)
 {
     const size_t length = strlen(settings);
@@ -194,7 +196,7 @@ static void queue(const char *text)
     check_ids(&orphans.ending);
 }
 
-/* What is asked of sbatch names the wanted tasks and no others. */
+/* The words for sbatch must name the wanted tasks and no others. */
 static void arrays(const uint8_t *data, size_t size)
 {
     char array[64];

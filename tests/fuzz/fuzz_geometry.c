@@ -119,7 +119,8 @@ static void bake(struct umbb_analysis *analysis, const struct umbb_options *opti
     free(receiver_mask_cells);
 }
 
-/* What umbrage-bake refuses after the analysis is refused here: --static with lamps or glass. */
+/* Refuses here what umbrage-bake refuses after the analysis: --static with lamps or translucent
+ * casters. */
 static int is_baked(const struct umbb_analysis *analysis, const struct umbb_options *options)
 {
     int lamps = 0;
@@ -133,13 +134,14 @@ static int is_baked(const struct umbb_analysis *analysis, const struct umbb_opti
 size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size) __attribute__((weak));
 size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed);
 
-/* Numbers on which geometry breaks. */
+/* Numbers on which geometry code tends to fail. */
 static const double numbers[] = {0.0,    -0.0,     1.0,        -1.0,     0.5,  1e15, -1e15,
                                  1e-300, 4.9e-324, 1e9,        1e-9,     1e7,  2.0,  1e-15,
                                  3e14,   1.5708,   3.14159265, 0x1p53,   1e-7, 5.0,  -0.5,
                                  40.0,   1e-12,    1e308,      1e15 - 1, 1e-3};
 
-/* A section's bytes: from its offset to the next one's, or the end. 0: none. */
+/* Returns a section's length in bytes: from its offset to the next section's, or to the end. 0: the
+ * section is empty. */
 static size_t pick_section(const uint8_t *scene, size_t size, unsigned number, uint64_t *at)
 {
     uint64_t count, end = size;
@@ -153,8 +155,8 @@ static size_t pick_section(const uint8_t *scene, size_t size, unsigned number, u
     return count > 0 && *at >= HEAD_BYTES && *at < end && end <= size ? (size_t)(end - *at) : 0;
 }
 
-/* Half of the time a number in a section is replaced, so that most results pass the validator: it
- * is strict about everything else. */
+/* In half of the mutations only a number in a section is replaced. Most results then pass the
+ * validator, which is strict about everything else. */
 size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed)
 {
     uint64_t at = 0;

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_FUZZ_PAGES_H
 #define UMBRAGE_TESTS_FUZZ_PAGES_H
-/* A packed file around pages that a fuzzer made: checksums would stop it at the door. */
+/* A packed file around pages that a fuzzer made, with right checksums, so that readers do not
+ * refuse it at once. */
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
@@ -52,8 +53,8 @@ static inline void fuzz_add_page(const uint8_t *raw, size_t size, struct bytes *
 }
 
 /*
- * The file of raw pages (u16 length, bytes, ...) after a byte that picks the frustum's size:
- * whatever they are, its lengths, checksums, hashes and id are right.
+ * Makes a file from the input: a byte that picks the frustum's size, then raw pages (u16 length,
+ * bytes, ...). The file's lengths, checksums, hashes and id are right, whatever the pages hold.
  */
 static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
 {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Hostile pages of partial assets: adding, asking, wanting, saving. The first byte picks:
+ * Hostile pages of partial assets: the target adds them, queries, wants views and saves. The first
+ * byte picks:
  *   even  a partial file as it is, but for its checksum, which is made right
  *   odd   the second byte is the order of coming; then a file of raw pages (fuzz_pages.h)
  */

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * One asset, four readers: packed, mapped, partial and the explanation of a point must agree to the
- * bit, and a part of the pages must give bounds around it. The first byte chooses the pages that
- * are missing, the second the points; then raw pages (fuzz_pages.h), in a file whose checks are all
- * right. Files that the packed reader refuses are skipped.
+ * One asset has four readers: packed, mapped, partial, and the explanation of a point. Their
+ * answers must agree to the bit, and a partial asset with only some pages must give bounds around
+ * them. The first byte chooses the pages that are missing, the second the points; then raw pages
+ * (fuzz_pages.h), in a file whose checks are all right. Files that the packed reader refuses are
+ * skipped.
  */
 #include <string.h>
 
@@ -57,7 +58,7 @@ static struct umb_query ask(const struct umb_asset *asset, const struct umb_quer
     return query;
 }
 
-/* The explanation looks each texel up for itself. */
+/* The explanation looks up each texel by itself. */
 static void expect_told(const struct umb_query *query, const struct umb_query_settings *way,
                         const struct volume_queries *q, const float values[POINTS])
 {

@@ -2,8 +2,8 @@
 /*
  * Runs a fuzz target over the files of folders, without a fuzzer. Without arguments the folders are
  * the target's seeds (tests/fuzz/seeds) and the inputs that broke it once (tests/fuzz/regress).
- * Then each file once more with single bytes changed, so that even without libFuzzer the target
- * sees damaged inputs; the changes come from a fixed generator.
+ * Then each file runs once more with single bytes changed, so that the target sees damaged inputs
+ * even without libFuzzer. The changes come from a fixed generator.
  */
 #include <dirent.h>
 #include <string.h>
@@ -50,7 +50,8 @@ static int replay_file(const char *path, unsigned mutations)
     return 0;
 }
 
-/* Replays the files of a folder; -1: it is none. mutations NULL: only counts them. */
+/* Replays the files of a folder; returns -1 if there is no such folder. In: mutations: NULL: files
+ * are only counted. */
 static int replay_folder(const char *name, const unsigned *mutations, unsigned *files)
 {
     int failed = 0;
@@ -71,7 +72,8 @@ static int replay_folder(const char *name, const unsigned *mutations, unsigned *
     return failed;
 }
 
-/* Folders of this target, those that are there: build/.../replay_fuzz_wire has fuzz_wire's. */
+/* Finds the folders of this target: the program replay_fuzz_wire has those of fuzz_wire. Missing
+ * folders are left out. */
 static int own_folders(const char *program, char folders[2][256], char *names[3])
 {
     static const char *const kinds[] = {"seeds", "regress"};
@@ -100,7 +102,7 @@ int main(int argc, char **argv)
     for (int i = 1; i < argc; i++) {
         failed |= replay_folder(argv[i], NULL, &files);
     }
-    /* Many seeds share what a few have each: the whole takes seconds. */
+    /* All files share a fixed number of mutations, so that the whole run takes seconds. */
     const unsigned all = getenv("UMBRAGE_SHORT") ? MUTATIONS / 16 : MUTATIONS;
     const unsigned most = all / (files + 1), mutations = most < EACH ? most : EACH;
     for (int i = 1; i < argc && !failed; i++) {

@@ -58,7 +58,7 @@ static bool count_message(void *user, const uint8_t *message, size_t size)
     return size != 7;
 }
 
-/* A verdict of UMB_OK has one message, headers of gRPC and a status of 0. */
+/* A verdict of UMB_OK requires one message, headers of gRPC and a status of 0. */
 static void one_reply(struct input *input)
 {
     struct umb__reply reply;
@@ -163,7 +163,8 @@ static void fetch_pieces(struct input *input)
 
 /* ---- regions ---- */
 
-/* A reply lands in the call's own place, and a second asset is noticed. */
+/* A reply must be stored in the call's own place, and an answer by a second asset must be
+ * noticed. */
 static void region_replies(struct input *input)
 {
     struct daemon_source source = {.asset = "city"};

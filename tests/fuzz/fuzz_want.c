@@ -78,7 +78,7 @@ static struct umb_partial *open_some(const struct bytes *file, uint8_t step)
     return partial;
 }
 
-/* Wants the view until nothing is missing. False: the view is none. */
+/* Wants the view until no page is missing. Returns false if the view is refused. */
 static int fetch(struct umb_partial *partial, const struct bytes *file,
                  const struct umb_partial_view *view)
 {
@@ -89,7 +89,7 @@ static int fetch(struct umb_partial *partial, const struct bytes *file,
         if (umb_partial_want(partial, view, 0, NULL) != UMB_OK) {
             return 0;
         }
-        FUZZ_DEMAND(partial->want_steps <= 1024 + 65 * partial->node_count);
+        FUZZ_DEMAND(partial->want_steps <= 1024 + 17 * partial->node_count);
         const size_t count = umb_partial_missing(partial, list, PAGES_A_ROUND, 0);
         for (size_t i = 0; i < count; i++) {
             FUZZ_DEMAND(!umb_partial_has(partial, list[i]));
@@ -101,7 +101,8 @@ static int fetch(struct umb_partial *partial, const struct bytes *file,
     }
 }
 
-/* Points of the box are known: no bound left a page of theirs out. */
+/* Every point of the box must be known: the bound must not have left out a page that the points
+ * need. */
 static void expect_exact(struct umb_partial *partial, const struct umb_box *box)
 {
     double positions[POINTS][3];

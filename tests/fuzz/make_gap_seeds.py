@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes first seeds of the targets of make fuzz-ci: messages, files and scripts that are right.
+"""Writes the first seeds for the targets of make fuzz-ci: valid messages, files and scripts.
 
     tests/fuzz/make_gap_seeds.py [FOLDER]
 
-A seed is named by the SHA-256 of its bytes, so that making them again changes nothing. What a
-fuzzer found beside them (clang's -merge=1) lies in the same folders."""
+A seed is named by the SHA-256 of its bytes, so that making them again changes nothing. Inputs that
+a fuzzer found later (clang's -merge=1) are in the same folders."""
 
 import gzip
 import hashlib

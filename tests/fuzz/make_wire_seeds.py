@@ -6,7 +6,7 @@ Sample.
     tests/fuzz/make_wire_seeds.py [FOLDER]
 
 A seed is named by the SHA-256 of its bytes, so that making them again changes nothing. fuzz_wire takes
-the count of a reply's records from the message's length, modulo 5: replies are made of as many."""
+the number of a reply's records from the message's length modulo 5, so each reply gets as many records."""
 
 import array
 import hashlib
@@ -40,7 +40,8 @@ def requests(messages):
 
 
 def fitting(messages, make):
-    """A reply of as many records as its length modulo 5 says; counts of other lengths make it fit."""
+    """Makes a reply with as many records as its length modulo 5: other counts are tried until the
+    length fits."""
     for bits in range(64):
         for count in range(1, 5):
             head = {"asset_id": bytes(range(32)), "stats": messages.QuestionStats(nodes=1 << bits),

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The functions of docs/reference/api.md: `api_index.py` fails where the page and the installed headers
-differ, `api_index.py --write` puts the headers' functions into the page. The text beside a header is
-the page's own; a header without a row gets one with an empty text, which is a failure too."""
+differ, `api_index.py --write` puts the headers' functions into the page. The text in a header's row is
+written by hand. A header without a row gets one with an empty text, which is a failure until it is
+filled in."""
 
 import pathlib
 import re

@@ -105,8 +105,8 @@ static inline void cut_scene_add(struct cut_scene *s, const double corners[3][3]
     s->view.world_triangle_count = n + 1;
 }
 
-/* A random triangle in a cube of `size`, with texture coordinates around the image, now and then
- * far outside of it. */
+/* Makes a random triangle in a cube of `size`, with texture coordinates around the image, and now
+ * and then far outside it. */
 static inline void cut_scene_add_random(struct cut_scene *s, double size, uint32_t material)
 {
     double corners[3][3];
@@ -122,7 +122,7 @@ static inline void cut_scene_add_random(struct cut_scene *s, double size, uint32
     cut_scene_add(s, (const double(*)[3])corners, (const float(*)[2])uv, material);
 }
 
-/* Alpha by a definition of its own: whole numbers of texels by steps, weights in long double. */
+/* Computes alpha by an independent definition: whole texels by stepping, weights in long double. */
 static inline long double cut_slow_alpha(const struct cut_scene *s, double u, double v)
 {
     const struct umbs_texture *t = &s->texture;

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_TESTS_DEEP_ASSET_H
 #define UMBRAGE_TESTS_DEEP_ASSET_H
 /*
- * Packed assets of few nodes that represent a huge tree, as only a hostile server makes them: each
- * of the nodes of a level has children drawn from all nodes of the level below, so that 2^60 voxels
- * take a kilobyte.
+ * Packed assets of few nodes that represent a huge tree, as only a hostile server makes them. The
+ * children of each node are drawn from all nodes of the level below, so that 2^60 voxels take a
+ * kilobyte.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,7 +34,8 @@ static inline uint32_t deep_count(const struct deep *deep, uint32_t level)
     return cubes < deep->width ? cubes : deep->width;
 }
 
-/* A child's number in the level below, or UINT32_MAX for a uniform one. All nodes are reached. */
+/* Returns a child's number in the level below, or UINT32_MAX for a uniform child. Every node is
+ * some node's child. */
 static inline uint32_t deep_child(const struct deep *deep, uint32_t level, uint32_t node,
                                   unsigned c, uint64_t *seed)
 {

@@ -38,7 +38,7 @@ class Server:
         self.server.start()
 
     def file(self, data, size=None, piece=65536):
-        """A fetch of these bytes, said to be `size`."""
+        """Replies of a fetch with these bytes, which claim the length `size`."""
         def fetch(request, _context):
             for at in range(request.offset, max(len(data), request.offset + 1), piece):
                 yield self.M.FetchReply(offset=at, size=len(data) if size is None else size,
@@ -46,7 +46,7 @@ class Server:
         return fetch
 
     def wait(self):
-        """For calls that get nothing, until the server ends."""
+        """For calls that get no reply until the server ends."""
         self.released.wait(120)
 
     def close(self):

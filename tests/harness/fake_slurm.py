@@ -1,10 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A cluster of one machine behind the names sbatch, squeue, scancel and scontrol, for tests of the
-daemon's Slurm executor without Slurm: what those commands print and do as far as the executor uses
-them. The names are links to this file; state lies in `state` beside them, a file a task; faults are
-files there:
+Imitates a Slurm cluster of one machine, for tests of the daemon's Slurm executor without Slurm. The
+commands sbatch, squeue, scancel and scontrol print and do what the executor relies on. The names
+are links to this file; state lies in `state` beside them, a file a task; faults are files there:
 
     down        every command fails, as with a dead controller
     refuse      sbatch fails, as with a partition that is none or full
@@ -29,7 +28,7 @@ def path(*names):
 
 
 def take(name):
-    """1 if there is one of a counted fault left; takes it."""
+    """Returns 1 and uses up one fault, if a counted fault has any left."""
     try:
         with open(path(name), encoding="ascii") as file:
             left = int(file.read() or "1")
@@ -169,7 +168,7 @@ def main(name, words):
     return 0
 
 
-# Its place tells its state: workers get a near-empty environment.
+# Its place tells the state folder: workers get a near-empty environment.
 STATE = os.path.join(os.path.dirname(os.path.abspath(sys.argv[0])), "state") \
     if os.path.basename(sys.argv[0]) != "fake_slurm.py" else os.environ["FAKE_SLURM"]
 if __name__ == "__main__":

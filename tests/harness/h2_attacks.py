@@ -78,7 +78,7 @@ def endless_headers(payload):
 
 
 def silence(connection, until):
-    """Not even a preface, and no answer to what the server says."""
+    """Sends not even a preface, and does not answer what the server sends."""
     connection.socket.settimeout(max(0.1, until - time.monotonic()))
     try:
         while connection.socket.recv(4096):
@@ -103,7 +103,7 @@ def dribble(connection, until):
 
 
 def takes_nothing(connection, until):
-    """Ninety replies wait for a window that stays shut."""
+    """Opens ninety replies that wait for a window which is never opened."""
     connection.settle()
     for _ in range(90):
         stream = connection.open(QUERY)
@@ -114,7 +114,7 @@ def takes_nothing(connection, until):
 
 
 def gzip_bombs(connection, until):
-    # One that states its size is refused before it is inflated; this one states the limit.
+    # A message that states its size is refused before it is inflated; this one states the limit.
     bomb = h2.prefixed(gzip.compress(bytes(8 << 20), 9)[:-4] + (4 << 20).to_bytes(4, "little"), 1)
     connection.settle()
     while time.monotonic() < until:
@@ -173,7 +173,7 @@ def attacker(attack, port, until, results):
             continue
         connection.cut_stream = False
         try:
-            # Who is to be cut goes on until then: on a busy machine that is later than `until`.
+            # An attacker that must be cut goes on until then, on a busy machine later than `until`.
             attack.run(connection, begin + GRACE_S if attack.cut else min(until, begin + 2 * PATIENCE_S))
         except (AssertionError, OSError):
             pass  # it was cut before it knew the settings

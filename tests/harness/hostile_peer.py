@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What tests of hostile peers share: an asset "city" in the test's store, and requests of it by bare
+Shared by tests of hostile peers: an asset "city" in the test's store, and requests for it by bare
 HTTP/2.
 
     peers = hostile_peer.Peers(ut.Test())
@@ -17,7 +17,8 @@ import umbrage_test as ut
 
 QUERY = "/umbrage.v1.Shadows/Query"
 OK, EXHAUSTED = 0, 8
-# A whole window and a connection window that never bind: what is not taken is the peer's choice.
+# A stream window and a connection window so large that they never limit: the peer alone decides
+# what is not taken.
 WIDE = struct.pack(">HI", 4, 0x7fffffff)
 WIDER = h2.frame(h2.WINDOW_UPDATE, 0, 0, struct.pack(">I", 0x7fffffff - (65 << 20)))
 
@@ -58,7 +59,7 @@ class Peers:
         return connection
 
     def well(self, daemon, seconds=5):
-        """A small call on a new connection is answered within that time."""
+        """Checks that a small call on a new connection is answered within that time."""
         begin = time.monotonic()
         connection = self.connect(daemon)
         assert connection.call(QUERY, self.query(8)).status == OK

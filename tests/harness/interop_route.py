@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The way from an interop suite to its daemon, named by UMBRAGE_INTEROP: tcp (the default), unix, tls, or
-haproxy, the configuration that is shipped with the one daemon as all of its replicas.
+The way from an interop suite to its daemon, named by UMBRAGE_INTEROP: tcp (the default), unix, tls or
+haproxy. haproxy uses the shipped configuration, in which all replicas are the one daemon.
 """
 import atexit
 import os

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_MAKE_ASSET_H
 #define UMBRAGE_TESTS_MAKE_ASSET_H
 /*
- * Small assets made straight from voxels, without a bake: a function says which voxels are lit, an
- * octree is interned bottom-up, packed into memory.
+ * Makes small assets straight from voxels, without a bake: a function says which voxels are lit, an
+ * octree is built bottom-up with equal nodes merged, and it is packed into memory.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -34,18 +34,19 @@ extern const struct umb_sha256 test_digest;
 uint64_t next_random(uint64_t *state);
 double random_unit(uint64_t *state); /* [0, 1) */
 
-/* Random bits for struct voxels, so that a point put into another voxel is noticed every other
- * time. In: log2_size: uint32_t, of the voxels a side. */
+/* Random bits for struct voxels. If a point is placed in a wrong voxel, its answer is wrong with a
+ * probability of one half. In: log2_size: uint32_t, of the voxels a side. */
 int random_voxel(const void *log2_size, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
 
-/* How many random cases to try: UMBRAGE_CASES if it is set (long runs: make numerics), else n. */
+/* Returns how many random cases to try: UMBRAGE_CASES if it is set (long runs: make numerics), else
+ * n. */
 int case_count(int n);
 
-/* How many cases of a slow test: `few` if UMBRAGE_SHORT is set (sanitizers in `make test`, whose
- * release build runs all), else n. */
+/* Returns the number of cases of a slow test: `few` if UMBRAGE_SHORT is set, else n. `make test`
+ * sets it for sanitizer builds; the release build runs all cases. */
 int short_count(int n, int few);
 
-/* A seed that differs from round to round of a long run, UMBRAGE_ROUND; printed. */
+/* Returns a seed, and prints it. It differs between the rounds of a long run (UMBRAGE_ROUND). */
 uint64_t round_seed(uint64_t seed);
 
 /* Builds the octree of `voxels`; finish with umb__octree_finish. Aborts the test on failure. */

@@ -62,7 +62,7 @@ for page in pages:
 tree = [str(file.relative_to(root)) for file in files()]
 for page in pages:
     for named in set(re.findall(r"`([\w./*-]+)`", prose(page))):
-        # A path of the tree, or a source by its name alone; * stands for any characters.
+        # A path of the tree, or the name of a source alone; * stands for any characters.
         if re.match(r"(?:client|proto|server|tests|deploy)/", named):
             there = fnmatch.filter(tree, named.rstrip("/")) or fnmatch.filter(tree, named.rstrip("/") + "[/.]*")
         elif re.fullmatch(r"[\w*]+\.(?:c|h|cc|py|sh|mk|toml|proto)", named):

@@ -43,7 +43,7 @@ struct walk {
 
 /* Limit of the cubes that a walk visits: STEPS_A_NODE for each node held, and STEPS_MIN more. */
 enum {
-    STEPS_A_NODE = 64,
+    STEPS_A_NODE = 16,
     STEPS_MIN = 1024,
 };
 
@@ -168,7 +168,7 @@ static inline void walk_roots(struct oracle *p, const struct umb__sight *sight)
     const struct umb__content *content = &p->part->canonical.content;
     const uint32_t light = sight->view->light;
     struct umb__space space;
-    const uint64_t limit = STEPS_MIN + STEPS_A_NODE * oracle_nodes(p);
+    const uint64_t limit = STEPS_MIN + (p->walks_all ? 64 : STEPS_A_NODE) * oracle_nodes(p);
     struct walk w = {.p = p, .sight = sight, .space = &space, .steps = limit};
     for (uint32_t i = 0; i < p->graph.root_count; i++) {
         const struct umb__octree_root *root = &p->graph.roots[i];

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-HTTP/2 by hand, for what no proper client would send: frames from bytes (RFC 9113), header blocks as
-literals, and a reader of the daemon's header blocks (RFC 7541, dynamic table included). The Huffman
-code is canonical, so the lengths of RFC 7541 appendix B are all that is needed.
+HTTP/2 by hand, for bytes that no proper client would send: frames from bytes (RFC 9113), header
+blocks as literals, and a reader of the daemon's header blocks (RFC 7541, dynamic table included).
+The Huffman code is canonical, so the lengths of RFC 7541 appendix B are all that is needed.
 """
 import select
 import socket
@@ -225,7 +225,8 @@ class Connection:
                       + frame(WINDOW_UPDATE, 0, 0, struct.pack(">I", 64 << 20)))
 
     def send(self, data):
-        """Sends; False if the peer has closed or takes nothing. What it said may still be read."""
+        """Sends bytes. Returns False if the peer has closed or takes nothing; bytes that the peer
+        sent may still be read."""
         try:
             self.socket.sendall(data)
             return True
@@ -293,7 +294,7 @@ class Connection:
             reply.reset = struct.unpack(">I", payload)[0]
 
     def pump(self, seconds=0.0):
-        """Reads what is there, at most for that long; False at the end of the connection."""
+        """Reads what has arrived, waiting at most that long; False at the end of the connection."""
         ready, _, _ = select.select([self.socket], [], [], seconds)
         if ready:
             try:
@@ -314,7 +315,7 @@ class Connection:
         return not self.closed
 
     def wait(self, done, seconds=None):
-        """Reads until done() or the connection ends or time is up; done()."""
+        """Reads until done() is true, the connection ends or time is up; returns done()."""
         deadline = time.monotonic() + (self.timeout if seconds is None else seconds)
         while not done() and not self.closed and time.monotonic() < deadline:
             self.pump(min(0.2, max(0.0, deadline - time.monotonic())))

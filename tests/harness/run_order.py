@@ -65,7 +65,7 @@ class Room:
         return self.busy + self.share(test) <= self.processors + OVERLAP
 
     def choose(self, waiting):
-        """The first test, or while it does not fit, the first that mostly waits and does."""
+        """Returns the first test; while that does not fit, the first that mostly waits and fits."""
         for place, test in enumerate(waiting):
             if self.fits(test) and (place == 0 or self.share(test) <= WAITING_SHARE):
                 return waiting.pop(place)

@@ -81,8 +81,8 @@ def kill_group(group, how):
 
 def run_in_group(test, log):
     """
-    Exit code of the test, or TIMED_OUT, and the processor seconds of its processes; what is left of
-    its process group is killed.
+    Returns the exit code of the test, or TIMED_OUT, and the processor seconds of its processes.
+    Processes that are left in its group are killed.
     """
     try:
         process = subprocess.Popen([test], stdin=subprocess.DEVNULL, stdout=log,
@@ -112,7 +112,8 @@ def run_in_group(test, log):
 
 
 def source_of(test):
-    """The text that may hold the mark: a script itself, or the C source of a built test."""
+    """The text that may hold the "alone" mark: a script itself, or the C source of a built
+    test."""
     if test.endswith((".py", ".sh")):
         return test
     build = os.path.join(ROOT, os.environ.get("BUILD", "build/release"))
@@ -204,7 +205,7 @@ def run_all(tests, tally):
 
 
 def stop(number, _frame):
-    """An interrupt of the runner ends the tests as well: they have sessions of their own."""
+    """An interrupt of the runner must end the tests, too, since they have sessions of their own."""
     ended.set()
     for group in list(groups):
         kill_group(group, signal.SIGTERM)

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_SEAL_ASSET_H
 #define UMBRAGE_TESTS_SEAL_ASSET_H
-/* Makes a spoilt packed or mapped file's checks right again, so that what is wrong is its content.
- */
+/* Makes the checksums of a spoilt packed or mapped file right again, so that only its content is
+ * wrong. */
 #include <stdbool.h>
 #include <string.h>
 #include <xxhash.h>
@@ -12,8 +12,8 @@
 #include "format/layout.h"
 #include "make_asset.h"
 
-/* The blocks of a packed file's directory: their checks and, if asked, their hashes. Blocks that
- * are not in the file stay out. */
+/* Makes the checksums of a packed file's directory blocks right and, if asked, their hashes. Blocks
+ * beyond the end of the file are skipped. */
 static inline void seal_blocks(struct bytes *file, bool with_hashes)
 {
     uint8_t *entry =
@@ -44,7 +44,7 @@ static inline void seal_blocks(struct bytes *file, bool with_hashes)
     }
 }
 
-/* All checks of blocks and head. with_id: the blocks' hashes and the id, too. */
+/* Makes all checksums of blocks and head right. In: with_id: the blocks' hashes and the id, too. */
 static inline void seal_asset(struct bytes *file, bool with_id)
 {
     uint8_t both[16];

@@ -53,7 +53,7 @@ def skip(reason):
 
 
 def left_out(name, reason):
-    """Says that a part of a test does not run here: run.sh counts and lists it as skipped."""
+    """Reports that a part of a test does not run here: run.sh counts and lists it as skipped."""
     print(f"SKIPPED: {name}: {reason}", flush=True)
 
 
@@ -236,8 +236,8 @@ class Client:
         return status
 
     def refused(self, call, code, *words):
-        """Runs call() and demands that it fails with that code, or one of several, and a message with
-        those words."""
+        """Runs call(), which must fail with that code, or one of several, and a message with those
+        words."""
         try:
             call()
         except self.grpc.RpcError as error:
@@ -415,10 +415,10 @@ class Test:
 
     def held_bakes(self):
         """
-        A --bake-program whose bakes take minutes, however fast the machine, for as long as the file
-        is there that is returned beside it: what is to happen in the middle of a bake is waited for,
-        the file is removed, and the next try of the same job takes its usual time. One that nobody
-        ends, since what is tested is broken, ends by its CPU time.
+        Makes a --bake-program, and returns its path with that of a file. While the file is there, bakes take
+        minutes on any machine. A test waits for what must happen in the middle of a bake and removes the
+        file; the next try of the same job then takes its usual time. A bake that no test ends stops by a
+        limit of CPU time.
         """
         program_path, gate = self.path("held-bake"), self.path("held")
         with open(os.open(program_path, os.O_WRONLY | os.O_CREAT, 0o755), "w",
@@ -477,7 +477,7 @@ PATIENCE = 4  # a machine may be so many times slower than a quiet one
 
 
 def wait_until(condition, seconds, what):
-    """Polls until condition() is true, for PATIENCE times as long as it takes; its last value."""
+    """Polls until condition() is true, and returns its value; fails after PATIENCE times `seconds`."""
     deadline = time.monotonic() + PATIENCE * seconds
     while True:
         value = condition()

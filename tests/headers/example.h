@@ -54,7 +54,7 @@ static inline struct umb_box example_bounds(void)
     return info.bounds;
 }
 
-/* Points all over the asset's bounds, the same each time. */
+/* Makes points all over the asset's bounds, the same ones each time. */
 static inline struct umb_points example_points(void)
 {
     const struct umb_box box = example_bounds();
@@ -67,7 +67,7 @@ static inline struct umb_points example_points(void)
     return (struct umb_points){.positions = positions, .count = POINTS};
 }
 
-/* Number of values above 0 and below what a lit answer is: answers that are not all the same. */
+/* Returns the number of points whose answer is above one half. */
 static inline int example_lit(void)
 {
     int lit = 0;
@@ -77,7 +77,7 @@ static inline int example_lit(void)
     return lit;
 }
 
-/* Answers that query.h's functions give for the points, to compare with. */
+/* Computes the answers of query.h's functions for the points, to compare with. */
 static inline void example_answers(const struct umb_query_settings *settings, float *out)
 {
     struct umb_asset *asset = example_asset();

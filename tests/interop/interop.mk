@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# umbraged with the service that the gRPC project's interop clients ask, for tests alone.
+# umbraged with the service that the gRPC project's interop clients call, for tests only.
 INTEROP := tests/interop/service
 INTEROP_OBJ := $(BUILD)/interop/interop_service.o $(BUILD)/interop/interop_test.pb-c.o
 

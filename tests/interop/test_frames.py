@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Frame loops: a camera and its depths in, packed answers out, changes where the client has the frame before.
-Points of pixels are computed here by themselves and asked of the file; a client that nobody here wrote
-(python3-grpcio) and `umbrage frames` must get the same.
+The test computes the points of pixels independently and queries the file. A foreign client
+(python3-grpcio) and `umbrage frames` must get the same answers.
 """
 import ctypes
 import json
@@ -83,7 +83,7 @@ class Frame:
             height=HEIGHT), **fields})
 
     def expected(self, encoding="u8"):
-        """From the file, point by point; pixels with nothing in them are lit."""
+        """Answers of the file, point by point; empty pixels are lit."""
         told = test.query_file(city, self.points(), "--origin=" + ",".join(map(repr, self.eye)), "--taps",
                                "3", encoding=encoding)
         if encoding == "u8":

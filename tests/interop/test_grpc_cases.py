@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The gRPC project's interop cases against BUILD/interop/umbraged, by python3-grpcio over TCP
+Runs the gRPC project's interop cases on BUILD/interop/umbraged, by python3-grpcio over TCP
 and a Unix socket; by the official client too if UMBRAGE_GRPC_INTEROP names it (its options are those of the
 C++ and Go clients); and h2spec, if UMBRAGE_H2SPEC names it.
 Source: grpc/doc/interop-test-descriptions.md, the cases as named there.

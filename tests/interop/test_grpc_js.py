@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-@grpc/grpc-js against the daemon, over TCP, a Unix socket and TLS: tests/interop/node/suite.js. Opt-in:
-UMBRAGE_GRPC_JS names a folder where `npm install @grpc/grpc-js @grpc/proto-loader` was run.
+Tests the daemon with @grpc/grpc-js, over TCP, a Unix socket and TLS: tests/interop/node/suite.js.
+Opt-in: UMBRAGE_GRPC_JS names a folder where `npm install @grpc/grpc-js @grpc/proto-loader` was run.
 """
 import json
 import os

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A client that nobody here wrote: python3-grpcio with classes generated from our .proto files asks a
-real daemon, over TCP and a Unix socket, or another way (interop_route.py). The answers are compared bit for bit with `umbrage query`
-on the file; every refusal must have the right code and name the field, the value and the limit.
+A foreign client: python3-grpcio, with classes generated from our .proto files, queries a real daemon over TCP and a
+Unix socket, or another way (interop_route.py). The answers are compared bit for bit with `umbrage query` on the file;
+every refusal must have the right code and name the field, the value and the limit.
 """
 import os
 import struct
@@ -380,8 +380,8 @@ with test.check("a bad request ends the stream with its status, after the replie
 with test.check("a client that writes ahead and reads late gets every reply; memory stays bounded"):
     large = M.QueryRequest(asset="city", points=f32, format=M.ANSWER_F32)
     expected = tcp.query(large, timeout=60).visibility
-    # HAProxy 2.6 parses no window update of a client while that client's upload waits: beyond what its
-    # buffers and the daemon's take, such a stream stands still (docs/reference/operations.md).
+    # HAProxy 2.6 parses no window update of a client while that client's upload waits: when its
+    # buffers and the daemon's are full, such a stream stands still (docs/reference/operations.md).
     stream = tcp.stream(iter([large] * (8 if PROXY else 60)), timeout=120)
     time.sleep(0.5)
     assert daemon.metric("umbrage_buffered_bytes") < 40 << 20
@@ -426,7 +426,7 @@ with test.check("a polite client is answered between the batches of greedy ones"
         served.set()
         for thread in greedy:
             thread.join()
-    # Of most calls, whatever held up this thread in some.
+    # Times are compared for most calls, since this thread may have been held up in some.
     assert sorted(passed)[20] <= 3, passed
     assert len(greedy_done) == len(greedy_asked)
 

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The Python module: the same bits as the command line for every setting, from a file, its ranges, a web server and a
-daemon; volume queries, lights, derived maps, bakes and jobs; no copy of the points, and other threads run meanwhile.
+The Python module must give the same bits as the command line for every setting, from a file, its ranges, a web
+server and a daemon. Also tested: volume queries, lights, derived maps, bakes and jobs; points are not copied, and
+other threads run meanwhile.
 """
 import http.server
 import json

@@ -24,9 +24,9 @@ CHECK = "/grpc.health.v1.Health/Check"
 OK, INVALID, DEADLINE, EXHAUSTED = 0, 3, 4, 8
 UNIMPLEMENTED, INTERNAL = 12, 13
 CALM = 11  # HTTP/2 ENHANCE_YOUR_CALM
-# What stays after an attack is what malloc keeps: the daemon holds freed pages of up to 128 MiB on
-# purpose (its trim threshold); what one connection may buffer here is 16 MiB, so 48 MiB is room for
-# three such heaps and a twentieth of what any of these attacks would take if nothing were counted.
+# After an attack only memory that malloc keeps may stay: the daemon keeps up to 128 MiB of freed
+# pages on purpose (its trim threshold). One connection may buffer 16 MiB here, so 48 MiB is room
+# for three such heaps. Without limits, any of these attacks would take twenty times as much.
 GROWTH = 48 << 20
 
 os.mkdir(test.path("store"))
@@ -59,7 +59,7 @@ def visibility(reply):
     return M.QueryReply.FromString(reply.body[5:]).visibility
 
 
-# Opened now and looked at in the end: these may stay for ten seconds.
+# These are opened now and checked at the end, since they may stay for ten seconds.
 lingering = connect()
 lingering.send(h2.frame(h2.HEADERS, 0, 1, lingering.request_headers(QUERY)[:40]))
 lingering_since = time.monotonic()
@@ -193,7 +193,7 @@ with test.check("flag 1 with gzip takes one whole gzip stream and nothing else")
     assert ask(connection, h2.prefixed(request, 0), extra=gzip_field).status == OK
     for body in (request, packed + bytes(4), packed + packed, b""):
         assert ask(connection, h2.prefixed(body, 1), extra=gzip_field).status == INVALID
-    # What stands in the last four bytes, where the size belongs, may be over the limit.
+    # The last four bytes are read as the size, which may be over the limit.
     for body in (packed[:-1], packed + b"x"):
         assert ask(connection, h2.prefixed(body, 1), extra=gzip_field).status in (INVALID, EXHAUSTED)
 with test.check("flag 2 is INTERNAL"):

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Regions.Stream and Follow for a client that nobody here wrote (python3-grpcio): the bytes are those of
-the packed file, every refusal names the field, and a replaced file is told.
+Regions.Stream and Follow with a foreign client (python3-grpcio): the bytes must be those of the
+packed file, every refusal must name the field, and the client must be told of a replaced file.
 """
 import os
 import queue

@@ -53,7 +53,8 @@ def pushback(error):
 
 
 def paid(ask):
-    """ask() as soon as no debt stands against it: one that is refused comes again when told to."""
+    """Calls ask() as soon as the rate allows: after a refusal it waits for the retry pushback and
+    tries again."""
     deadline = time.monotonic() + 120
     while True:
         try:
@@ -118,7 +119,7 @@ with test.check("a stream pays for each of its requests"):
 
 
 def open_stream(token):
-    """A stream that is asked one request at a time; returns how, and the call."""
+    """Sends requests on a stream one at a time; returns its status, and the call."""
     feed = queue.Queue()
     replies = client.stream(iter(feed.get, None), timeout=60, metadata=bearer(token))
 
@@ -129,7 +130,7 @@ def open_stream(token):
 
 
 def begin_stream(token):
-    """Such a stream that has answered once."""
+    """Opens such a stream, which has answered once."""
     ask, feed, replies = open_stream(token)
     try:
         assert ask(request).visibility

@@ -54,7 +54,8 @@ def answers(asset, light, points, origin, taps=1):
 
 
 def ball(centre, radius):
-    """A point within `radius` of another. Voxels of lamps are smaller near them: so are some balls."""
+    """Draws a point within `radius` of another. Near a lamp voxels are smaller, so some radii are
+    smaller."""
     radius *= 2 ** -rng.uniform(0, 3)
     while True:
         offset = [rng.uniform(-radius, radius) for _ in range(3)]

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-TLS as real clients see it: python3-grpcio and Python's ssl module against `tls:` addresses, with and
-without certificates of clients. The certificates are made here, by the openssl command.
+TLS as real clients see it: python3-grpcio and Python's ssl module connect to `tls:` addresses, with
+and without certificates of clients. The certificates are made here, by the openssl command.
 """
 import os
 import shutil
@@ -319,7 +319,7 @@ with test.check("tls: without a certificate is a usage error"):
     assert b"--tls-cert" in done.stderr
 
 def ours(*words, code=0, env=None):
-    """`umbrage` with TLS options; every reason it gives is one line."""
+    """Runs `umbrage` with TLS options; every reason that it prints must be one line."""
     done = ut.run("umbrage", *words, code=code, env=env)
     assert code == 0 or done.stderr.count(b"\n") == 1, done.stderr
     return done
@@ -347,7 +347,7 @@ with test.check("umbrage refuses a server that it has no reason to trust, and sa
                                 ((*ca, "--tls-key", test.path("client.key")), 2, b"certificate")):
         assert reason in ours("list", "--address", ours_tls, *extra, code=code).stderr, reason
     assert b"city" in ours("list", "--address", ours_tls, *ca, "--tls-name", "localhost").stdout
-    # The certificate names 127.0.0.1: the same server at another address is another one.
+    # The certificate names 127.0.0.1, so the same server at another address must be refused.
     certificate("server", "ca", "localhost")
     elsewhere = test.daemon("--listen", "tls:127.0.0.2:0", *TLS[2:])
     at = elsewhere.addresses["tls"]
@@ -357,7 +357,7 @@ with test.check("umbrage refuses a server that it has no reason to trust, and sa
     assert b"city" in ours("list", "--address", "tls:" + at, *ca, "--tls-name", "localhost").stdout
     ours("list", "--address", "tls:" + at, *ca, "--tls-name", "127.0.0.3", code=77)
     elsewhere.stop()
-    # TLS and plain text do not understand each other; neither waits for the other.
+    # Neither TLS nor plain text understands the other; neither side may wait for the other.
     assert b"no TLS" in ours("list", "--address", "tls:" + tcp[4:], *ca, code=69).stderr
     ours("list", "--address", "tcp:" + address, code=69)
     assert b"tls:" in ours("list", "--address", tcp, *ca, code=2).stderr

@@ -129,7 +129,7 @@ with test.check("a box that takes too much is bad data, not bad usage"):
 
 
 class Liar(grpc.GenericRpcHandler):
-    """A server whose segments have 20 stretches, and many more when they are asked again."""
+    """A server whose segments have 20 intervals, and many more when they are requested again."""
 
     def service(self, details):
         answer = self.limits if details.method.endswith("/Limits") else self.segments

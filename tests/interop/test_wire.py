@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Every message, both ways, against Python's protobuf: wire_echo decodes what Python wrote and encodes
-it again, and Python must read the same message. Then the same messages with their fields in other
-orders, unpacked numbers, unknown fields, two messages joined, and flipped bytes: whatever wire_echo
-takes must be what Python reads.
+Every message, in both directions, is compared with Python's protobuf: wire_echo decodes what Python
+wrote and encodes it again, and Python must read the same message. Then the same messages with their
+fields in other orders, unpacked numbers, unknown fields, two messages joined, and flipped bytes: a
+message that wire_echo accepts must be what Python reads.
 
 MESSAGES=1000000 SEED=7 test_wire.py runs longer.
 """
@@ -151,7 +151,7 @@ def fit(m):
 
 
 def canonical(m):
-    """What a message means here: defaults filled in, what is not read left out."""
+    """What a message means to the server: defaults filled in, ignored fields left out."""
     m.DiscardUnknownFields()
     for field in m.DESCRIPTOR.fields:
         value = getattr(m, field.name)

@@ -33,7 +33,8 @@ PARTS = {
     "server/common": [*TOOL, "proto/net/openssl_sha256.h"],
     "server/scene": [*TOOL, "server/common"],
     "server/store": [*TOOL, "server/common"],
-    # Bundles may not be scene files: their magic is all that jobs see of scenes.
+    # Jobs must recognise scene files in bundles, and refuse them: they see the magic of scene files
+    # and nothing else of scenes.
     "server/jobs": [*TOOL, "server/common", "server/scene/scene_file.h"],
     "server/rays": [*TOOL, "server/common", "server/scene"],
     "server/bake": [*TOOL, "server/common", "server/scene", "server/rays"],
@@ -160,7 +161,8 @@ def check_includes(paths):
 
 
 def check_embree(paths):
-    """Rays are traced in one part, candidates of the bake's depth are found in another."""
+    """Embree may trace rays in one part only, and find candidates of the bake's depth in another
+    part only."""
     for path in paths:
         with open(os.path.join(ROOT, path), encoding="utf-8") as file:
             if re.search(r"rtc(New|Intersect|Occluded)", file.read()) and \

@@ -32,7 +32,7 @@ report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
 report "name outside of the legend of prefixes (docs/ARCHITECTURE.md)" "$(python3 tests/lint/names.py || true)"
 report "small header with a single user" "$(python3 tests/lint/small_headers.py || true)"
 
-# Another version lays out otherwise.
+# Other versions of clang-format lay sources out differently.
 version=$(clang-format --version 2>/dev/null | sed -n 's/.*version \([0-9]*\)\..*/\1/p')
 if [ "$version" = 14 ]; then
     report "not laid out as .clang-format says: make format" "$(echo "$sources" | xargs clang-format --dry-run 2>&1 |

@@ -41,7 +41,7 @@ ROOT = os.path.dirname(os.path.dirname(HERE))
 WORK = os.path.join(ROOT, "build", "mutants")
 BUILD = "build/release"
 PROGRAMS = [f"{BUILD}/{name}" for name in ("umbrage", "umbraged", "umbrage-bake", "umbrage-study", "scenegen")]
-# What a mutant leaves unused is no error.
+# A mutant may leave names unused: that is no error.
 MAKE = ["make", "--no-print-directory", "config=release", f"BUILD={BUILD}", "werror=", "CFLAGS=-w"]
 SKIP, TIMED_OUT = 77, 124
 SHORTEST_LIMIT_S, SLOWER = 20, 10  # of a test: so many times what it takes without a mutant
@@ -140,7 +140,7 @@ class Tree:
             subprocess.run(["cp", "-a", made, os.path.join(self.path, BUILD)], check=True)
 
     def update(self):
-        """Makes the sources those of the tree; what is equal keeps its time."""
+        """Makes the sources those of the tree; a file that is equal keeps its time."""
         if not os.path.isdir(self.path):
             self.begin()
         names = sources()
@@ -208,7 +208,7 @@ def make_trees(count):
 
 
 def build(trees, targets, jobs):
-    """Builds the first tree, and copies what was made to those that have nothing yet."""
+    """Builds the first tree, and copies the result to trees that have nothing yet."""
     for tree in trees:
         if tree != trees[0] and not os.path.isdir(os.path.join(tree.path, "build")):
             subprocess.run(["cp", "-a", trees[0].path + "/.", tree.path], check=True)

@@ -2,9 +2,9 @@
 /*
  * oracle_check: compares every voxel of a baked file with lit and end of its scene.
  *
- * Nothing of umbrage is linked: file, scene and depths are read and computed by the oracle's own
- * code. `oracle_check --help` tells the rest. Exit 0: equal; 1: not, or a file cannot be read as
- * its format says; 2: usage.
+ * The program links nothing of umbrage: the oracle's own code reads the file and the scene and
+ * computes the depths. `oracle_check --help` explains the options. Exit 0: equal; 1: not, or a file
+ * cannot be read as its format says; 2: usage.
  */
 #include <inttypes.h>
 #include <math.h>
@@ -99,7 +99,7 @@ static int load(struct input *input, const char *path)
     return 1;
 }
 
-/* Both forms must carry the same id and the same canonical block. */
+/* The packed and the mapped file must have the same id and the same canonical block. */
 static int same_content(const struct oracle *a, const struct oracle *b)
 {
     return a->form == ORACLE_PACKED && b->form == ORACLE_MAPPED &&
@@ -171,7 +171,8 @@ static void compare_column(const struct input *inputs, int input_count, const ui
     }
 }
 
-/* The first occluder: as the front says, or else the tree's first shadowed voxel. */
+/* Finds the first occluder: from the occluder depth map, or else the tree's first shadowed
+ * voxel. */
 static void compare_occluder_depth(const struct oracle *oracle, const uint32_t column[3],
                                    const struct oracle_texel *texel, struct counts *counts)
 {
@@ -220,7 +221,7 @@ static int compare_frustum(const struct options *options, const struct oracle_sc
             counts->texels++;
             counts->ties += row[x].tie != 0;
             if (oracle->receiver_mask.data != NULL) {
-                row[x].end = side; /* what is defined there, triangles and windows decide */
+                row[x].end = side; /* Triangles and windows decide which voxels are defined here */
             }
             compare_column(inputs, options->file_count, column, &row[x], counts);
             compare_occluder_depth(oracle, column, &row[x], counts);
@@ -288,7 +289,7 @@ static int check(const struct options *options)
         good = compare_frustum(options, &scene, inputs, i, &counts);
         compared = good;
     }
-    /* More ties than one texel in a thousand would hide what the check is for. */
+    /* Ties in more than one texel of a thousand would hide the faults that the check looks for. */
     if (good && counts.ties * 1000 > counts.texels) {
         (void)fprintf(stderr, "oracle_check: %" PRIu64 " ties in %" PRIu64 " texels\n", counts.ties,
                       counts.texels);

@@ -15,7 +15,7 @@ struct oracle_caster {
     uint8_t closed, front;
 };
 
-/* What the light meets at one texel; infinite if nothing. */
+/* The surfaces that the light meets at one texel; infinite where there is none. */
 struct oracle_hits {
     long double first, front, back;
     int tie;
@@ -46,7 +46,8 @@ static void cross(const long double a[3], const long double b[3], long double ou
     }
 }
 
-/* Texels whose centre lies in [low, high], widened by the tie distance. 0 if none does. */
+/* Finds the texels whose centre lies in [low, high], widened by the tie distance. Returns 0 if
+ * there is none. */
 static int texel_range(long double low, long double high, uint32_t side, uint32_t range[2])
 {
     long double first = ceill(low - 0.5L - ORACLE_TIE);
@@ -73,8 +74,8 @@ static long double greatest(long double a, long double b, long double c)
     return fmaxl(a, fmaxl(b, c));
 }
 
-/* Fills the texels that the projected corners' box holds: all of them if a corner lies behind the
- * light, none if all three do. */
+/* Fills in the texels inside the box of the projected corners: all texels if a corner lies behind
+ * the light, none if all three do. */
 static void find_box(const struct oracle_view *view, struct oracle_caster *caster)
 {
     uint32_t x[2] = {0, view->side - 1}, y[2] = {0, view->side - 1};
@@ -97,8 +98,8 @@ static void find_box(const struct oracle_view *view, struct oracle_caster *caste
     caster->row_high = touches ? y[1] : 0;
 }
 
-/* 1 if the light meets the triangle's front: its corners then run the other way round in light
- * space if that is right handed. */
+/* Returns 1 if the light meets the triangle's front. The corners then run the other way round in
+ * light space, if that is right handed. */
 static int is_front(const struct oracle_view *view, const struct oracle_caster *caster)
 {
     const double rows[12] = {view->m[0], view->m[1], view->m[2],  0,
@@ -134,7 +135,7 @@ static void project(const struct oracle_view *view, const struct oracle_scene *s
     find_box(view, caster);
 }
 
-/* Lists each row's casters; counting first, then filling. */
+/* Lists the casters of each row: first counts them, then fills the lists. */
 static int fill_rows(struct oracle_depth *depth, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -177,7 +178,8 @@ int oracle_depth_init(struct oracle_depth *depth, const struct oracle_scene *sce
     return fill_rows(depth, scene->triangle_count);
 }
 
-/* 1 if the centre lies within the tie distance of edge k, whose line it is that near to. */
+/* Returns 1 if the centre lies within the tie distance of edge k. In: a centre that is that near to
+ * the edge's line. */
 static int is_beside(const struct oracle_caster *caster, int k, long double x, long double y)
 {
     const long double *from = caster->at[k], *to = caster->at[(k + 1) % 3];
@@ -245,7 +247,7 @@ static void hit_texel(const struct oracle_caster *caster, uint32_t x, uint32_t y
     }
 }
 
-/* How many voxel centres of 0..side-1 lie before the depth; notes a tie. */
+/* Returns how many voxel centres of 0..side-1 lie before the depth; notes a tie. */
 static uint32_t centres_before(long double z, uint32_t side, int *tie)
 {
     if (isinf(z)) {

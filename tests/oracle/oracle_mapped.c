@@ -112,7 +112,7 @@ static int read_tops(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     return 1;
 }
 
-/* Notes where the nodes of one level begin; between them are pairs of zero words. */
+/* Records where the nodes of one level begin; pairs of zero words may stand between them. */
 static int find_starts(const struct oracle *oracle, uint32_t level, const uint64_t range[2],
                        uint8_t *starts, char error[ORACLE_ERROR_SIZE])
 {
@@ -170,7 +170,8 @@ static int read_levels(const struct oracle *oracle, uint8_t *starts, char error[
     return 1;
 }
 
-/* What stands for the cube of a column's level around a voxel: read from its list. */
+/* Returns the value for the cube of a column's level around a voxel, read from the column's
+ * list. */
 static uint64_t piece_at(const struct oracle *oracle, const struct oracle_frustum *f,
                          const uint32_t cube[3])
 {
@@ -185,7 +186,7 @@ static uint64_t piece_at(const struct oracle *oracle, const struct oracle_frustu
                : UINT64_MAX;
 }
 
-/* What stands for the same cube by way of the grid: 0, 1 or 2 + number. */
+/* Returns the value for the same cube, found through the grid: 0, 1 or 2 + number. */
 static uint64_t value_at(const struct oracle *oracle, const struct oracle_frustum *f,
                          const uint32_t cube[3])
 {
@@ -206,7 +207,7 @@ static uint64_t value_at(const struct oracle *oracle, const struct oracle_frustu
     return value;
 }
 
-/* Columns say of every cube what grid and nodes say. */
+/* Checks that columns give the same value for every cube as grid and nodes. */
 static int check_columns(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
 {
     for (uint32_t i = 0; i < oracle->frustum_count; i++) {
@@ -238,7 +239,8 @@ struct reach {
     uint8_t *nodes, *bricks;
 };
 
-/* 0 if `number` of a level is no node or brick; else marks it, if what leads to it is reached. */
+/* Returns 0 if `number` is no node or brick of a level. Else marks it as reached, if the node that
+ * refers to it is reached. */
 static int reach_child(const struct oracle *oracle, const struct reach *reach, uint32_t level,
                        uint64_t number, uint8_t reached)
 {
@@ -288,8 +290,8 @@ static int check_grid(const struct oracle *oracle, const struct reach *reach,
 
 /*
  * From the top level down, as a node's parents are all of higher levels. The page does not say
- * whether nodes above the cells of a grid, which no look-up reaches, may be stored: they are let
- * be.
+ * whether nodes above the cells of a grid, which no look-up reaches, may be stored: they are
+ * accepted.
  */
 static int check_nodes(const struct oracle *oracle, const struct reach *reach,
                        char error[ORACLE_ERROR_SIZE])

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The occluder depth map (FRNT), read as docs/reference/umb-format.md, section 3, says and in no
- * other way: bit by bit, a texel at a time. What leads out of the entry is refused.
+ * Reads the occluder depth map (FRNT) as docs/reference/umb-format.md, section 3, describes it: bit
+ * by bit, a texel at a time. References that lead out of the entry are refused.
  */
 #include "oracle_parts.h"
 

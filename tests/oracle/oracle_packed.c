@@ -3,9 +3,9 @@
  * The oracle's reader: directory, identity and pages of a packed file; what a page holds is in
  * oracle_page.c. Source: docs/reference/umb-format.md, sections 4 and 5.
  *
- * Two passes: the first proves and expands every page and reads how many nodes it has, which
- * numbers all nodes of a level through (page after page); the second decodes, so that a reference
- * to a page further on has its number already.
+ * There are two passes. The first verifies and expands every page and reads how many nodes it has;
+ * nodes of a level are numbered page after page. The second decodes, and a reference to a later
+ * page finds its number there.
  */
 #include "oracle_page.h"
 

@@ -2,7 +2,8 @@
 /*
  * The oracle's reader: what a page of a packed file holds. Source: docs/reference/umb-format.md,
  * section 5,
- * "A page, uncompressed". It insists on what writers do even where readers need not.
+ * "A page, uncompressed". It requires what the page asks of writers, even where readers need not
+ * check it.
  */
 #include "oracle_page.h"
 
@@ -73,7 +74,7 @@ int oracle_read_counts(struct oracle *oracle, uint32_t number, struct oracle_pag
         oracle->counts[l] += page->count[l];
         total += page->count[l];
     }
-    /* A node takes at least two bytes and a brick one, so that counts beyond the page are lies. */
+    /* A node takes at least two bytes and a brick one, so counts beyond that are wrong. */
     if (cursor->overrun || total != page->nodes || total > page->size) {
         return oracle_refuse(error,
                              "page %" PRIu32 ": %" PRIu64 " nodes, the directory says "
@@ -83,7 +84,7 @@ int oracle_read_counts(struct oracle *oracle, uint32_t number, struct oracle_pag
     return 1;
 }
 
-/* The pages as a whole, and the one being decoded. */
+/* All pages, and the number of the one being decoded. */
 struct decoder {
     struct oracle *oracle;
     const struct oracle_page *pages;

@@ -19,7 +19,7 @@ int oracle_all_zero(const uint8_t *bytes, uint64_t size);
 int oracle_is_utf8(const uint8_t *bytes, uint64_t size);
 
 uint64_t oracle_take(struct oracle_cursor *cursor, uint32_t width);
-/* A number of seven bits a byte; what is none counts as an overrun. */
+/* Reads a number of seven bits a byte; a malformed number counts as an overrun. */
 uint64_t oracle_take_number(struct oracle_cursor *cursor);
 /* The next `size` bytes, or NULL beyond the end. */
 const uint8_t *oracle_take_bytes(struct oracle_cursor *cursor, uint64_t size);
@@ -30,7 +30,7 @@ int oracle_refuse(char error[ORACLE_ERROR_SIZE], const char *format, ...)
 
 int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* section 2 */
 int oracle_read_block(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]); /* section 3 */
-/* Whether NEAR, if it is there, is as long as it must be. */
+/* Checks the length of the entry NEAR, if there is one. */
 int oracle_check_receiver_mask(const struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
 int oracle_read_transmittance(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);
 int oracle_read_pages(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]);  /* sections 4, 5 */

@@ -38,7 +38,8 @@ int oracle_all_zero(const uint8_t *bytes, uint64_t size)
     return 1;
 }
 
-/* The bytes a UTF-8 sequence takes by its first one, or 0. RFC 3629, section 4. */
+/* Returns the length in bytes of a UTF-8 sequence, from its first byte; 0 if it is malformed. RFC
+ * 3629, section 4. */
 static uint64_t sequence_length(uint8_t first)
 {
     if (first < 0x80) {

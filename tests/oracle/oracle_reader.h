@@ -103,7 +103,8 @@ struct oracle {
 int oracle_open(struct oracle *oracle, const uint8_t *bytes, size_t size,
                 char error[ORACLE_ERROR_SIZE]);
 
-/* 1 if the cell of a voxel is marked in NEAR, 0 if not; -1 if there is no such entry or voxel. */
+/* Returns 1 if the cell of a voxel is marked in NEAR, 0 if not; -1 if there is no such entry or
+ * voxel. */
 int oracle_receiver_mask(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y,
                          uint32_t z);
 
@@ -113,8 +114,8 @@ int oracle_receiver_mask(const struct oracle *oracle, uint32_t frustum, uint32_t
  */
 int oracle_voxel(const struct oracle *oracle, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z);
 
-/* What the front says of `lit` of a texel: -1 if it leaves the answer to the tree, -2 if it is
- * malformed there. */
+/* Reads `lit` of a texel from the occluder depth map: -1 if the map leaves the answer to the tree,
+ * -2 if the map is malformed there. */
 int64_t oracle_occluder_depth(const struct oracle *oracle, uint32_t frustum, uint32_t x,
                               uint32_t y);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where surfaces are (NEAR), read as docs/reference/umb-format.md, section 3, says: a bit at a
- * time. */
+/* Reads the receiver mask (NEAR) as docs/reference/umb-format.md, section 3, describes it: a bit at
+ * a time. */
 #include "oracle_parts.h"
 
 enum {

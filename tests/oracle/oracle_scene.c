@@ -97,8 +97,9 @@ static int is_sound(const struct oracle_scene *scene)
 }
 
 /*
- * The header scenegen writes, with any comments; returns its length, or 0. The properties must
- * stand as they do there: anything else is a scene this reader was not made for.
+ * Checks that a header is one that scenegen writes, apart from comments. Returns its length, or 0.
+ * The properties must be those of scenegen in their order, since this reader was made for such
+ * scenes only.
  */
 static size_t ply_header(const char *text, size_t size, size_t *vertices, size_t *triangles)
 {

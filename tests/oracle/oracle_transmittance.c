@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The maps of translucent casters (TRNS), read as docs/reference/umb-format.md, section 3, says and
- * in no other way: from the start of a square, list after list.
+ * Reads the maps of translucent casters (TRNS) as docs/reference/umb-format.md, section 3,
+ * describes them: from the start of a square, list after list.
  */
 #include <stdlib.h>
 
@@ -17,7 +17,8 @@ struct wanted {
     int64_t left;     /* found so far */
 };
 
-/* One list. In: is_it: the wanted one. Out: first_z: where it begins. */
+/* Reads one list. In: is_it: true for the wanted list. Out: first_z: depth at which the list
+ * begins. */
 static void take_list(struct oracle_cursor *cursor, int64_t size, int is_it, struct wanted *wanted,
                       int64_t *first_z, int64_t drops[8])
 {

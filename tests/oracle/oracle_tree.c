@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader: what section 1 of docs/reference/umb-format.md promises of written trees.
- * None that is uniform, none that no root reaches, and as many different ones in a level as CNTS
- * states: pages of the lowest band hold copies. Levels are taken from the bottom: once all
- * references to equal children are to the first of them, equal nodes are equal bytes.
+ * The oracle's reader checks what section 1 of docs/reference/umb-format.md promises of written
+ * trees: no node is uniform, each node is reached from a root, and a level has as many different
+ * nodes as CNTS states (pages of the lowest band hold copies). Levels are checked from the bottom
+ * up. Once all references to equal children name the first of them, equal nodes have equal bytes.
  */
 #include "oracle_parts.h"
 
@@ -25,8 +25,8 @@ static int compare_records(const void *a, const void *b)
     return order != 0 ? order : (x->number > y->number) - (x->number < y->number);
 }
 
-/* first: for each record of a level the number of the first that equals it. Returns how many
- * differ; -1 if there is no memory. */
+/* Finds equal records of a level. Out: first: for each record the number of the first record that
+ * equals it. Returns the number of different records; -1 if memory is short. */
 static int64_t find_equal(const struct oracle *oracle, uint32_t l, uint32_t *first)
 {
     const uint64_t count = oracle->counts[l];

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A program outside the tree: asks an asset, then completes it from pieces of its file. */
+/* A program outside the tree: queries a partial asset, then completes it from pieces of its
+ * file. */
 #include <stdio.h>
 #include <string.h>
 #include <umbrage/region.h>

@@ -24,7 +24,7 @@ struct lot {
     struct gen_rng *rng;
 };
 
-/* How deep the next part is sunk into the one below: random, so that edges never coincide. */
+/* Draws how deep the next part is sunk into the one below: random, so that edges never coincide. */
 static int32_t sink(const struct lot *lot)
 {
     return gen_range(lot->rng, 101, 997);

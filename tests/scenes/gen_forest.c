@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * A forest: one closed tree, a trunk and a crown of 92 triangles, at N x N places of a grid of 7 m
- * that are moved by up to 2.5 m. GLB says it by instances (EXT_mesh_gpu_instancing), the others
- * multiply them out.
+ * that are moved by up to 2.5 m. GLB files have instances (EXT_mesh_gpu_instancing); other formats
+ * repeat the tree's triangles.
  */
 #include "gen.h"
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Houses with eaves, and doors and windows in recesses: what a bias takes shadows from first. size
- * x size lots of 20 m on a slab. Every part is a closed outward solid; parts reach into one another
- * by JOINT_MM, and no two share an edge.
+ * Houses with eaves, and with doors and windows in recesses: the places where a bias loses shadows
+ * first. size x size lots of 20 m on a slab. Every part is a closed outward solid; parts reach into
+ * one another by JOINT_MM, and no two share an edge.
  */
 #include "gen.h"
 
@@ -18,8 +18,8 @@ enum {
     LINTEL_SUNK_MM = 7, /* How far lintels and sills stand behind the wall's face */
 };
 
-/* A wall along an axis: its face lies at `face`, and the wall reaches `depth` behind it, to where
- * `inward` says. */
+/* A wall along an axis: its face is at `face`, and the wall extends `depth` behind the face, in the
+ * direction `inward`. */
 struct wall {
     int axis; /* 0: along x, 1: along y */
     int32_t face, inward, depth;

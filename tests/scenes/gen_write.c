@@ -47,7 +47,7 @@ static void metres_text(int64_t mm, char text[32])
                    (int)(size % 1000));
 }
 
-/* How often the mesh stands somewhere, and corner k of vertex i there. */
+/* Returns how many times the mesh is placed, and corner k of vertex i of a placement. */
 static size_t times(const struct gen_mesh *mesh)
 {
     return mesh->place_count > 0 ? mesh->place_count : 1;
@@ -132,7 +132,7 @@ static void glb_position(const struct extent *extent, const int32_t point[3], fl
     out[2] = (float)((double)-d[1] / 1000.0);
 }
 
-/* What the file says of the extensions that it uses; "" if none. */
+/* Returns the words of the file about the extensions that it uses; "" if it uses none. */
 static void glb_extensions(int many, int light, char used[512])
 {
     used[0] = '\0';

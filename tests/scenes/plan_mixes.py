@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes that the plan has to judge, the same bytes always. MIXES: closed and open parts together, as
-OBJ (z up, metres), for `make plan-scenes`; write_leaves: trees whose leaves are BLEND, as GLB."""
+"""Scenes for tests of the plan's decisions. The bytes are always the same. MIXES: closed and open
+parts together, as OBJ (z up, metres), for `make plan-scenes`; write_leaves: trees whose leaves are
+BLEND, as GLB."""
 import json
 import math
 import os

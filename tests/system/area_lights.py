@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Penumbras of lamps against rays to their points: `make area-lights`, or area_lights.py [RESOLUTION [WIDTH [SAMPLES]]].
+Compares penumbras of lamps with rays to their points: `make area-lights`, or area_lights.py [RESOLUTION [WIDTH
+[SAMPLES]]].
 
 Five scenes, each with a rectangle, a disc, a narrow strip, and a sphere. A bake's answers at the pixels of a view that
 face the light are compared with SAMPLES squared rays from the surface to the light (server/study/traced_shadow.c).

@@ -4,10 +4,10 @@
 
     tests/system/determinism.py BUILD...
 
-Each program of each BUILD (gcc and clang, -O2 and -O3: `make determinism` makes them) bakes each case
-with tiles of 1024 to the whole map, in turn with the rasteriser for this processor and the portable one
-and with 1, 2 and 4 threads, so that builds and tiles meet each of these; and once it is killed in the
-middle and resumed. Ends with 1 if two ids of a case differ. test_determinism.sh is the short form, with one build, and part of `make test`.
+Each program of each BUILD (gcc and clang, -O2 and -O3: `make determinism` makes them) bakes each case with tiles of
+1024 to the whole map, in turn with the rasteriser for this processor and the portable one, and with 1, 2 and 4 threads,
+so that all builds and tile sizes run with each of these. One bake is killed in the middle and resumed. Ends with 1 if
+two ids of a case differ. test_determinism.sh is the short form, with one build, and part of `make test`.
 UMBRAGE_DETERMINISM_LOG2 (14) is the resolution."""
 
 import json

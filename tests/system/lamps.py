@@ -6,8 +6,8 @@ Random lamps near surfaces: `make lamps`, or lamps.py [COUNT [SEED [FIRST]]].
 Each case is a scene (floor and ceiling, room, solid boxes, a small city; 0.5 m to 2 km, turned or along the axes, some
 in national coordinates), a point or spot light (on a surface, 1e-7 to 100 m above or below one, inside a solid, in the
 air), a resolution of 512 to 16384 and a rule. It is baked with the self-check, and tests/agreement/lamp_check.c
-compares the answers with brute force in long double. A bake must succeed with no wrong answer. It may be refused (exit
-65) only if the lamp is within the limit of a surface.
+compares the answers with brute force in long double. A bake must succeed, and no answer may be wrong. A bake may be
+refused (exit 65) only if the lamp is nearer to a surface than the limit.
 """
 import concurrent.futures
 import json

@@ -50,7 +50,8 @@ else:
               "--verify", 0)
 test.bake(test.scene("city", 4), os.path.join(store, "hot.umb"), "--resolution", 1024, "--depth",
           "raster", "--verify", 0)
-# Made and proven without the limit; the daemon under it knows the asset and opens its head only.
+# The asset is made and proven without the limit; the daemon under the limit knows the asset and
+# opens its head only.
 test.daemon().stop()
 test.daemons.clear()
 mapped = max((os.path.join(store, ".umbrage-cache", name)
@@ -122,7 +123,8 @@ with test.check("calls on an asset in memory do not wait for the cold one"):
     def cold(number):
         mine = test.client(daemon.grpc_tcp, [("grpc.use_local_subchannel_pool", 1)])
         while not stopping.is_set():
-            # 20000 random points, most on pages that must be read: for the workers, and for long.
+            # 20000 random points, most on pages that must be read, keep the workers busy for a long
+            # time.
             seed = SEED + 1000 * number + cold_calls[number]
             mine.ask("big", ut.floats(ut.random_points(low, high, 20000, seed)), timeout=120)
             cold_calls[number] += 1
@@ -138,7 +140,7 @@ with test.check("calls on an asset in memory do not wait for the cold one"):
         thread.join()
     print(f"    hot calls alone: {said(quiet)}; beside {sum(cold_calls)} cold calls of 20000 points: {said(busy)}")
     assert sum(cold_calls) > 0
-    # A cold batch takes seconds here; hot calls must not be of that kind.
+    # A cold batch takes seconds here; hot calls must be far faster.
     assert busy[len(busy) // 2] < 0.05, said(busy)
 info.close()
 daemon.stop()

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The long form of what test_drain.py and test_store.py show: RESTARTS (100) restarts and SWAPS (1000) swaps
-of an asset under load. Not part of `make system`: `make soak` runs it.
+The long form of test_drain.py and test_store.py: RESTARTS (100) restarts and SWAPS (1000) swaps of an asset
+under load. Not part of `make system`: `make soak` runs it.
 
 Restarts: two daemons on fixed sockets, drained and started again in turn. No call may fail with at most
 two retries on the other one. Swaps: a link is moved between two versions. An answer is of the wrong version

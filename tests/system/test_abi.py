@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The binary interface is what its record says, and the comparison with an earlier record
-(tests/abi/abi.py) finds what breaks programs: each kind of break is planted.
+The binary interface must be that of its record. The comparison with an earlier record
+(tests/abi/abi.py) must find changes that break programs: each kind of break is planted.
 """
 import copy
 import os

@@ -1,14 +1,14 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# False shadow and false light with the automatic bias, on what cameras see of a terrain and a city
-# where it faces the light by more than 0.2.
+# False shadow and false light with the automatic bias, at points that cameras see of a terrain and
+# a city and whose cosine with the light is above 0.2.
 #
 # False shadow: the asset says below 0.5 where rays spread over the filter's area say above 0.5 by
-# more than their own error. False light: it says above 0.5 where a ray from the very surface is
-# blocked; a filter widens that with intent, so that its bounds are those of a prototype measured on
-# scenes of the same kind and size (voxels a side). UMBRAGE_ACCURACY=full (make accuracy): millions of
-# triangles, 4096 and 16384 voxels, open and closed; its rows are the table of
-# docs/results/accuracy.md.
+# more than their own error. False light: the asset says above 0.5 where a ray from the surface
+# itself is blocked. A filter widens the light on purpose, so its bounds are those measured with a
+# prototype on scenes of the same kind and size (voxels a side). UMBRAGE_ACCURACY=full (make
+# accuracy): millions of triangles, 4096 and 16384 voxels, open and closed; its rows are the table
+# of docs/results/accuracy.md.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 mode=${UMBRAGE_ACCURACY:-short}
 if [ "$mode" = full ]; then

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The admin port, request by request: what is answered, refused and cut; how many may ask at once and
-how long one may take; what a drain does to those that wait.
+The admin port, request by request: which are answered, refused and cut off; how many may be open at
+once and how long one may take; and what a drain does to waiting requests.
 """
 import os
 import signal

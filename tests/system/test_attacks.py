@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # run: alone (it measures a victim beside attackers, who take all processors)
 """
-Nineteen attacks, each beside a victim that asks all the time: the victim sees no error, the attackers are
-cut, memory stays within its bound, and the counter that operators watch rises.
+Nineteen attacks, each beside a victim client that queries all the time. The victim must see no error, the
+attackers must be cut off, memory must stay within its bound, and the counter that operators watch must rise.
 
 The short form (half a second each, 4 attackers) runs in `make system`; `make attack` sets SECONDS and ATTACKERS
 for the full one. Attackers live in processes of their own, and come back as soon as they are cut.
@@ -23,7 +23,8 @@ import umbrage_test as ut  # noqa: E402
 grpc, _ = ut.need_grpc()
 SECONDS = float(os.environ.get("SECONDS", "0.4"))
 ATTACKERS = [int(word) for word in os.environ.get("ATTACKERS", "4").split(",")]
-# All timers of the daemon but the idle one; the victim keeps them too, however busy its machine is.
+# The timers of the daemon, except the idle one. They are long enough for the victim, too, however
+# busy the machine is.
 TIMER_MS = 600 if SECONDS < 5 else 2000
 GROWTH_FIXED = 64 << 20      # bytes resident, all attackers together
 GROWTH_EACH = 256 << 10      # and for each of them
@@ -114,7 +115,7 @@ for number in ATTACKERS:
             assert len(victim.times) > 3
             assert growth <= (GROWTH_FIXED + number * GROWTH_EACH) * (8 if ut.is_sanitized() else 1)
             if attack.cut:
-                # The last connection of each attacker may just have begun when time was up.
+                # The last connection of each attacker may just have begun when the time was over.
                 assert len(cuts) >= len(results) - number and cuts, "attackers are not cut"
             if attack.counter:
                 assert attack.counter in rose, f"{attack.counter} does not rise"

@@ -1,9 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages of the bake service that come in the wrong order, are too many or too few, and are taken
-back: each is refused by name, leaves nothing below the jobs folder, and the next submission works.
-Fetches of large assets, from every offset, slowly, and by owners who lose their token meanwhile.
+Messages of the bake service that come in the wrong order, are too many or too few, or are
+cancelled: each must be refused by name and leave nothing below the jobs folder, and the next
+submission must work. Fetches of large assets, from every offset, slowly, and by owners who lose
+their token meanwhile.
 """
 import os
 import signal

@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# What the automatic bias takes from shadows: false light and false shadow on houses with eaves and
-# recessed doors, under three suns, of what a camera sees where it faces the sun by more than 0.2.
-# Voxels are as wide as those of the town of docs/results/biases.md: 0.09 m. `make bias-table`
-# measures five scenes and the rejected biases.
+# The shadows that the automatic bias loses: false light and false shadow on houses with eaves and
+# recessed doors, under three suns, at points that a camera sees and whose cosine with the sun is
+# above 0.2. Voxels are as wide as those of the town of docs/results/biases.md: 0.09 m. `make
+# bias-table` measures five scenes and the rejected biases.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 "$BUILD/scenegen" houses --size 6 -o "$folder/houses.glb" 2>/dev/null
@@ -33,12 +33,12 @@ for sun in 70 45 15; do
         --sun 135,$sun --verify 0 --quiet 2>"$folder/err" || bad "sun $sun bakes" "$(cat "$folder/err")"
     high="sun $sun degrees high"
 
-    # A picture by defaults, against single rays. The bounds are those that pictures are held to
-    # (docs/decisions/0002-automatic-bias.md).
+    # A picture by defaults, compared with single rays. The bounds are those that pictures are held
+    # to (docs/decisions/0002-automatic-bias.md).
     below "$high, a default picture: false light" "$(share false_light $sun)" 0.5
     below "$high, a default picture: false shadow" "$(share false_shadow $sun)" 0.1
 
-    # Windows. False shadow is against rays over the window's own area, as in test_accuracy.sh.
+    # Windows. False shadow is judged by rays over the window's own area, as in test_accuracy.sh.
     # 6 voxels along the normal are the reach that 9 taps need on a plane at 45 degrees: lifts along
     # the light must lose at most half as much.
     set -- --size 320x180 --filter box

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-tests/lint/circles.py sees what it must: a planted call circle of files, one of folders, no circle where calls
-go one way, and a vector variant as one file with its twin. tests/lint/ways.py refuses a list with a stranger.
+tests/lint/circles.py must find a planted call circle of files and one of folders. It must find no circle
+where calls go one way, and must count a vector variant and its plain twin as one file. tests/lint/ways.py
+must refuse a list with a file that does not belong.
 """
 import os
 import subprocess

@@ -51,7 +51,8 @@ ABSENT = ("scene.glb", "asset.umb", "points.txt")
 
 
 def check_command(words):
-    """Parses with files that are nowhere: that is the only complaint. scenegen reads none: its help has the words."""
+    """Runs a command with files that do not exist: the missing files must be its only complaint. scenegen reads
+    no files, so its help is searched for the words."""
     command = [ut.program(words[0]), *(PLACEHOLDERS.get(word, word) for word in words[1:])]
     if words[0] == "scenegen":
         told = subprocess.run([command[0], "--help"], capture_output=True, text=True, timeout=60)

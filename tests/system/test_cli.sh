@@ -379,7 +379,7 @@ wait_file() {
     done
 }
 
-# Starts a daemon of the store at the socket NAME.sock; the commands after it ask that one.
+# Starts a daemon of the store at the socket NAME.sock; the commands after it use that daemon.
 start_daemon() { # NAME OPTION...
     socket=$folder/$1.sock addresses=$1.addresses
     shift

@@ -18,7 +18,7 @@ for program in umbraged umbrage umbrage-bake; do
     check "it has $program" sh -c "grep '^COPY --from=build' '$folder/stage' | grep -q '/usr/bin/$program '"
 done
 
-# Every library that the programs are linked with comes from a package that the stage installs.
+# Every library that the programs are linked with must come from a package that the stage installs.
 if command -v dpkg-query >/dev/null && command -v readelf >/dev/null; then
     grep -oE '[a-z0-9.+-]+' "$folder/stage" | sort -u >"$folder/installed"
     for program in umbraged umbrage umbrage-bake; do
@@ -44,7 +44,7 @@ check "and says which file is missing" grep -q -- "--token-file: cannot open '/r
 check "it would listen for other machines" sh -c "echo '$entry' | grep -q 'tcp:0.0.0.0:7420'"
 same "it does not go without tokens" "" "$(echo "$entry" | grep -e --without-tokens)"
 
-# The health check, asked of a daemon that wants tokens.
+# Runs the health check with a daemon that requires tokens.
 health=$(sed -n 's/^HEALTHCHECK .*CMD //p' "$folder/stage" | tr -d '[]",')
 if command -v curl >/dev/null; then
     (umask 077 && echo "studio query 0123456789abcdef" >"$folder/tokens")
@@ -64,7 +64,7 @@ else
     left_out "the health check" "curl is not installed"
 fi
 
-# deploy/container.sh takes a digest and nothing else.
+# deploy/container.sh must accept a digest and nothing else.
 cat >"$folder/builder" <<'SCRIPT'
 #!/bin/sh
 printf '%s\n' "$*"

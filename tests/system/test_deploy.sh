@@ -1,11 +1,12 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# What deploy/ ships is whole: an installation runs, man pages say what --help says, the unit is
-# hardened, and what Prometheus and Grafana ask for is what the daemon serves.
+# The contents of deploy/ are complete: an installation runs, man pages agree with --help, the unit
+# is hardened, and the metrics that Prometheus and Grafana use are those that the daemon serves.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$root" || exit 1
 
-# Under make its variables come along; by hand the build folder tells which build it is.
+# Under make its variables are in the environment; in a run by hand the build folder's name gives
+# the kind of build.
 config=$(basename "$BUILD")
 case $config in
 release | debug | asan | tsan) set -- "config=$config" ;;
@@ -24,7 +25,8 @@ for name in "$BUILD" "${BUILD#"$root"/}" "./${BUILD#"$root"/}"; do
 done | sort -u >"$folder/stale"
 check "a header that changed is heeded under each name of the build folder" \
     awk 'END { exit NR != 1 || $1 < 20 }' "$folder/stale"
-# Switched on or off, a library that a build may do without is heeded in a folder that is built already.
+# A library that a build may do without can be switched on or off in a folder that is already built;
+# the build must follow.
 for with in "" yes; do
     "$@" -n "IPSEC_MB=$with" 2>&1 | grep -q 'server/common/sha256_lanes\.c' && echo compiled || echo kept
 done | sort >"$folder/switched"
@@ -74,7 +76,8 @@ else
     left_out "man pages" "man is not installed"
 fi
 
-# Whatever goes wrong in the service ends the service: bounds of its own, and others do not die first.
+# A failure in the service must end the service only: it has its own limits, so that other services
+# do not end first.
 unit=$installed/lib/systemd/system/umbraged.service
 for bound in MemoryHigh MemoryMax TasksMax; do
     check "the unit has $bound" grep -qE "^$bound=[0-9]+%?$" "$unit"
@@ -85,7 +88,8 @@ if command -v systemd-analyze >/dev/null; then
     exposure=$(systemd-analyze security --offline=true "$installed/lib/systemd/system/umbraged.service" 2>/dev/null |
         sed -n 's/.*exposure level.*: \([0-9.]*\) .*/\1/p')
     echo "exposure $exposure"
-    # The drop-in for --jobs, where an operator puts it, and the units of systemd itself out of sight.
+    # Checks the drop-in for --jobs in the place where an operator puts it, without the units of
+    # systemd itself.
     mkdir -p "$folder/jobs/etc/systemd/system/umbraged.service.d"
     cp "$installed/lib/systemd/system/umbraged.service" "$folder/jobs/etc/systemd/system/"
     cp "$installed/share/umbrage/umbraged-jobs.conf" "$folder/jobs/etc/systemd/system/umbraged.service.d/jobs.conf"
@@ -113,8 +117,8 @@ else
 fi
 
 operations=docs/reference/operations.md
-# Metrics that alerts and panels name, against those that operations.md lists (test_docs.sh compares
-# that list with what is served).
+# The metrics that alerts and panels name must be those that operations.md lists (test_docs.sh
+# compares that list with what is served).
 grep -ohE '(umbrage|grpc_server|process)_[a-z0-9_]+' deploy/prometheus/*.yml deploy/grafana/*.json |
     sed 's/_bucket$//' | grep -v '^umbrage_alerts' | sort -u >"$folder/asked"
 grep -ohE '`(umbrage|grpc_server|process)_[a-z0-9_]+' "$operations" | tr -d '`' |

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-umbrage derive and Regions.DeriveMap: maps against a rasteriser of the scene that is written here, from
-open and closed assets; KTX files read by the specification; a daemon's bytes are those made locally;
-refusals; a call that is given up.
+umbrage derive and Regions.DeriveMap: maps from open and closed assets are compared with those of a
+rasteriser in this file. KTX files are read by the specification. A daemon's bytes must be those made
+locally. Refusals and a cancelled call are tested, too.
 """
 import json
 import os

@@ -3,7 +3,7 @@
 # run: alone (it measures processor time beside the clock)
 """
 A daemon with few descriptors: none left to accept with, fewer than --max-connections, and more
-assets than the soft limit lets it map. It waits without spinning, and loses nobody.
+assets than the soft limit lets it map. It must wait without spinning, and lose no client.
 """
 import os
 import resource
@@ -70,7 +70,8 @@ def limited(soft, hard, make):
 
 
 def comer(daemon):
-    """A connection that has asked before anybody took it; its reply comes when somebody has."""
+    """A connection that sent its request before the daemon accepted it. The reply comes after the
+    daemon has accepted."""
     connection = h2.Connection(path=daemon.socket_path, timeout=60)
     stream = connection.open(QUERY)
     connection.data(stream, ASK, end=True)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The dial: every asset's curve against rays, the choice of settings by error and by budget, and the
-# choice of a resolution by --max-error.
+# The dial: every asset's curve is compared with rays; tested are the choice of settings by error
+# and by budget, and the choice of a resolution by --max-error.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$folder" || exit 1
 
@@ -11,7 +11,7 @@ bake() { # NAME SCENE OPTION...
     check "$name is baked" "$BUILD/umbrage-bake" "$scene" -o "$name.umb" --quiet --verify 0 "$@"
 }
 
-# Halving the error asked for never widens the bound and never lowers the cost, to the end.
+# Halving the required error must never widen the bound, and never lower the cost.
 halve() { # NAME FIRST UNIT
     /usr/bin/python3 - "$BUILD/umbrage" "$1.umb" "$2" "$3" <<'PYTHON'
 import json, subprocess, sys

@@ -37,8 +37,9 @@ cp "$folder/out" "$folder/rows"
 cut -f 2 "$folder/rows" | sort -u >"$folder/options"
 [ "$(wc -l <"$folder/options")" -gt 15 ] || bad "umbraged lists its options" "$(cat "$folder/options")"
 
-# A line of usage names no option of another program; those of umbrage-bake, umbrage, podman and skopeo are
-# told by their program, podman's on several lines.
+# A line of usage must not name an option of another program. Options of umbrage-bake, umbrage,
+# podman and skopeo are recognised by their program on the line; podman's commands take several
+# lines.
 sed -E -e ':a' -e '/^podman.*\\$/{N;s/\\\n//;ba' -e '}' -e 's/(umbrage(-bake)?|podman|skopeo) [^`]*//g' "$operations" "$protocol" >"$folder/docs"
 names '--[a-z][a-z-]+' "$folder/docs" >"$folder/told"
 all_in "every option of umbraged is in operations.md or protocol.md" "$folder/options" "$folder/told"
@@ -49,7 +50,8 @@ printf '%s\n' --check --check-config --help --print-config --version | sort >"$f
 sort -u "$folder/table" "$folder/flags" >"$folder/listed"
 all_in "every option has a row in the table of operations.md" "$folder/options" "$folder/listed"
 
-# What a job may be told (client/tool/bake_settings.c) is in docs/reference/protocol.md, and umbrage-bake has it.
+# The options that a job may have (client/tool/bake_settings.c) must be in
+# docs/reference/protocol.md, and umbrage-bake must have them.
 "$BUILD/umbrage" submit --help | sed -n '/^bake options:/,/^the daemon:/p' | grep -oE '^  --[a-z-]+' | sed 's/ *--//' | sort -u >"$folder/bake.options"
 [ "$(wc -l <"$folder/bake.options")" -gt 10 ] || bad "jobs take bake options" "$(cat "$folder/bake.options")"
 "$BUILD/umbrage-bake" --print-options | cut -f 2 | sed 's/^--//' | sort -u >"$folder/all.options"
@@ -76,9 +78,9 @@ same "links lead somewhere; lines and pages are short" "" "$(cat "$folder/pages"
 # The API index has every public function.
 same "the API index is that of the headers" "" "$(/usr/bin/python3 "$root/tests/harness/api_index.py")"
 
-# Each picture has its commands in docs/pictures/README.md, and each is understood: programs whose
-# scenes are missing complain about that (66), not about their options (2). What makes scenes runs,
-# and is taken away again, so that no bake begins.
+# Each picture must have its commands in docs/pictures/README.md, and programs must accept them:
+# with the scenes missing they fail because of that (66), not because of their options (2). Commands
+# that make scenes run, and the scenes are removed again, so that no bake begins.
 /usr/bin/python3 - "$root" "$folder" "$BUILD" >"$folder/pictures" 2>&1 <<'EOF'
 import os
 import pathlib

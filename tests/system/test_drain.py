@@ -1,9 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-SIGTERM under load loses no call. Clients that ask all the time see each call answered, or refused
-with UNAVAILABLE before it was processed; with at most two retries against a second daemon (as a
-balancer would do it) none fails. Health says NOT_SERVING first; a second signal ends at once.
+SIGTERM under load must lose no call. Clients that query all the time must see each call answered,
+or refused with UNAVAILABLE before it was processed; with at most two retries against a second
+daemon (as a balancer would do it) none fails. Health says NOT_SERVING first; a second signal ends
+at once.
 """
 import os
 import queue

@@ -51,7 +51,8 @@ def answered():
 
 
 def under_load(event):
-    """Runs event() while calls go on; returns calls and repeats. Any failed call fails the check."""
+    """Runs event() while calls go on; returns the numbers of calls and of repeats. A failed call
+    fails the check."""
     stopping = threading.Event()
     failures = []
     counts = [0, 0]

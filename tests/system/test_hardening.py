@@ -29,7 +29,7 @@ def readelf(*words):
 
 
 def compiler_words(path):
-    """How the compiler was called, as the debugging information of C objects says."""
+    """The options of the compiler, from the debugging information of C objects."""
     return re.findall(r"DW_AT_producer.*: (.*)", readelf("--debug-dump=info", "--dwarf-depth=1", path))
 
 
@@ -82,7 +82,7 @@ for name in PROGRAMS + LIBRARIES:
         for function in ("memcpy", "snprintf") if name in PROGRAMS else ("v?snprintf",):
             assert re.search(f"__{function}_chk", symbols[name]), f"no checked {function}" + STALE
 
-# A program's symbols say that some object has a layer; the objects say that all have it.
+# A program's symbols show that some object has a layer; its objects show that all have it.
 with test.check("every object that prints does so by the checked functions"):
     plain = {path for path in objects() if re.search(
         r" UND v?f?printf$", readelf("--symbols", path), re.MULTILINE)}
@@ -102,7 +102,8 @@ if "clang" not in produced:
             missing = [flag for flag in WANTED if flag not in words and (name, flag) not in EXEMPT]
             assert not missing, f"{name}: {missing}{STALE}"
 
-# Where a library or a start file of the system lacks the note, the linker leaves it out of the program.
+# If a library or a start file of the system lacks the note, the linker leaves the note out of the
+# program.
 if os.uname().machine == "x86_64":
     with test.check("every object has landing pads and shadow stacks (IBT, SHSTK)"):
         without = [path for path in objects() if not has_cet(path)]

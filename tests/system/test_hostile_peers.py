@@ -3,8 +3,8 @@
 # run: alone (it measures how long a client beside a hostile one waits)
 """
 Peers that obey the letter of HTTP/2 and try to take more than their share: memory that no budget
-counts, the whole queue, the loop's time. Each is held to its bound, and others are answered
-meanwhile. test_idle_peers.py has the peers that wait.
+counts, the whole queue, the loop's time. Each must be held to its bound, and other clients must be
+answered meanwhile. test_idle_peers.py has the peers that wait.
 """
 import os
 import shutil
@@ -125,7 +125,7 @@ test.bake(test.scene("city", 6), test.path("slow.umb"), "--resolution", 4096, "-
 
 def fill(store, count):
     """The same asset under many names, in a store without a place for its cache: each is read,
-    proven and expanded on its own, which takes its time."""
+    proven and expanded separately, which takes time."""
     os.makedirs(store, exist_ok=True)
     shutil.rmtree(os.path.join(store, ".umbrage-cache"), ignore_errors=True)
     with open(os.path.join(store, ".umbrage-cache"), "w", encoding="ascii"):
@@ -214,7 +214,8 @@ with test.check("one that downloads all the time does not hold up small calls of
     p50, p99 = (beside[len(beside) * part // 100] for part in (50, 99))
     print(f"    quiet p50 {quiet[len(quiet) // 2] * 1e3:.2f} ms, beside it p50 {p50 * 1e3:.2f} ms, "
           f"p99 {p99 * 1e3:.2f} ms, of {len(beside)}")
-    # Threads of this test and the daemon share two cores: the bound is about not being starved.
+    # The test's threads and the daemon share two cores, so the bound only shows that no client
+    # starves.
     assert p99 < (2.0 if SLOW else 0.25), p99
     daemon.stop()
 test.finish()

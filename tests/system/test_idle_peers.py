@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Peers that wait: that hardly take their replies, only connect, or only ping. Each is held to its
-timer, and others are answered meanwhile. test_hostile_peers.py has those whose effect is measured.
+Peers that wait: they take their replies very slowly, only connect, or only ping. Each must be held
+to its timer, and other clients must be answered meanwhile. test_hostile_peers.py has the peers
+whose effect is measured.
 """
 import gzip
 import os
@@ -30,7 +31,8 @@ with test.check("what waits for a socket counts as memory until it is taken"):
     connection = h2.Connection(path=daemon.socket_path, settings=WIDE)
     connection.settle()
     connection.send(WIDER)
-    # 252 kB: made in one go, more than a Unix socket takes; the call is over for the daemon then.
+    # The reply has 252 kB. It is made in one go, and is more than a Unix socket takes; for the
+    # daemon the call is then over.
     stream = upload(connection, query(63000, format=M.ANSWER_F32))
     ut.wait_until(lambda: daemon.metric("umbrage_queries_total") >= 63000, 10, "the answer is made")
     time.sleep(0.2)
@@ -48,7 +50,7 @@ with test.check("a peer that takes a few bytes now and then is cut as one that t
     got = 0
     while time.monotonic() - begin < 15 and daemon.metric("umbrage_connections") > 0:
         time.sleep(0.2)
-        # 5 kB a second. Not by pump(), which would open the window again for each byte.
+        # Reads 5 kB a second. pump() cannot be used: it would open the window again for each byte.
         connection.send(h2.frame(h2.WINDOW_UPDATE, 0, stream, struct.pack(">I", 1000)))
         try:
             got += len(connection.socket.recv(65536))

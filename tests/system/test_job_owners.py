@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-What owners of jobs can do to each other: nothing. An asset of one is not seen, not by its damage
-either; baking what is everybody's takes it from nobody; no job of an asset that others have gets lost or
-ends without a file.
+Owners of jobs must not affect each other. An owner's asset must be invisible to others, also when it is
+damaged. Baking a shared asset must not take it from other owners. A job for an asset that others own
+must not get lost or end without a file.
 """
 import os
 import sys

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Reach of a submitter's bytes: a scene buffer is refused under every name, no process reads the bytes
-outside a sandbox, and a bake that an attacker controls opens only its own files.
+The reach of a submitter's bytes: a scene buffer must be refused under every name, no process may
+read the bytes outside a sandbox, and a bake that an attacker controls may open only its own files.
 """
 import ctypes.util
 import errno
@@ -121,7 +121,8 @@ with test.check("the doctor proves both sandboxes, with the service's own files"
 
 
 def intrusion(sandbox):
-    """What a bake of ann's, taken over, finds at files that are not hers: {path: (read, write)}."""
+    """What a bake of the owner ann, controlled by an attacker, gets at files of others: {path:
+    (read, write)}."""
     global daemon, client
     daemon.stop()
     program = test.path("taken-over")
@@ -209,7 +210,7 @@ with test.check("no process reads the submitter's bytes outside of a sandbox (st
             assert outside == [], outside[:4]
             assert inside >= 2, "the importer's and the bake's reading was not seen"
 
-# A filter of the test's own stands for an old kernel: landlock_create_ruleset is not there.
+# A filter made here imitates an old kernel, without landlock_create_ruleset.
 OLD_KERNEL = test.path("old-kernel")
 with open(OLD_KERNEL, "w", encoding="ascii") as file:
     file.write("""

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Tiles of the daemon's jobs: told while they come; after an edit only those are baked that it reaches,
-and the id is that of a full bake; a daemon that is killed repeats none that was finished.
+Tiles of the daemon's jobs: their progress must be reported while they are baked. After an edit only
+the tiles that it reaches may be baked, and the id must be that of a full bake. A daemon that was
+killed must not repeat finished tiles.
 """
 import json
 import os

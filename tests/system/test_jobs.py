@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The bake service with real processes: what is submitted becomes the asset that the command line
-makes, once, whatever is killed; owners see their own; hostile bundles are told why.
+The bake service with real processes: a submission must become the asset that the command line
+makes, once, whatever process is killed. Owners must see only their own jobs, and refusals of
+hostile bundles must state the reason.
 """
 import json
 import os
@@ -186,7 +187,7 @@ with test.check("manifests that lie or climb are INVALID_ARGUMENT and name the f
 
 
 def gltf(**changes):
-    """A triangle with its buffer in the file, or what hostile hands make of it."""
+    """A triangle with its buffer in the file, or a hostile version of it."""
     document = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
@@ -222,7 +223,8 @@ with test.check("a setting that the bake refuses is a failed job that says so"):
 
 
 def submit_held(**settings):
-    """A job that ends if somebody ends it, or is tried again without HOLD; returns it and its workers."""
+    """A job that goes on until it is ended, or until a retry without HOLD; returns it and its
+    workers."""
     open(HOLD, "w", encoding="ascii").close()
     job = client.submit({"a.glb": scene}, "a.glb", WHO["ann"], **settings).job
     return job, ut.wait_until(lambda: workers(daemon), 20, "the bake runs")

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Instructions a point of every query kernel, counted by valgrind, against tests/bench/kernel_counts.tsv:
-# more than 3 % above the expected figure fails. Change the figure in the commit that changes the
+# Instructions a point of every query kernel, counted by valgrind. A count more than 3 % above the
+# figure in tests/bench/kernel_counts.tsv fails. Change the figure in the commit that changes the
 # kernel. Counts belong to one compiler and its options, so that other builds are left out.
 set -eu
 : "${BUILD:=build/release}"
@@ -25,7 +25,7 @@ trap 'rm -rf "$folder"' EXIT
 failures=0
 while read -r kernel taps figure; do
     case $kernel in '#'* | '') continue ;; esac
-    # Footprints are a stage around kernels: the whole query is counted.
+    # Footprints are a stage around kernels, so instructions of the whole query are counted.
     case $kernel in footprint_*) counted=umb_query_run ;; tent_*) counted=umb__$kernel ;; *) counted=umb__kernel_$kernel ;; esac
     points=$(valgrind --tool=callgrind --callgrind-out-file="$folder/out" \
         --toggle-collect="$counted" \

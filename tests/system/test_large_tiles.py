@@ -70,7 +70,8 @@ def determinism(folder, scene):
 
 
 def memory(folder, scene):
-    """The promise, where it is tight: the tile becomes smaller, or the bake refuses."""
+    """The limit of memory, where it is tight: the tile must become smaller, or the bake must
+    refuse."""
     out = os.path.join(folder, "a.umb")
     for size, closed, cached in ((100, "auto", 1), (100, "off", 0), (200, "off", 1)):
         words = ["--memory", f"{size}MiB", "--closed", closed]

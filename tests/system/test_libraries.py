@@ -64,7 +64,7 @@ with test.check("the installed tree has headers, archives, shared libraries, lin
 for library in abi.LIBRARIES:
     with test.check(f"lib{library}.so exports its list and nothing else"):
         rows = [row.split() for row in words("nm", "-D", "--defined-only", shared(library)).splitlines()]
-        # A version's own name is an absolute symbol.
+        # The name of a version is itself an absolute symbol.
         names = [row[2] for row in rows if not (row[1] == "A" and row[2].startswith("UMBRAGE_"))]
         assert all(name.endswith("@@UMBRAGE_1") for name in names), names[:3]
         assert sorted(name.partition("@")[0] for name in names) == abi.exported(library)
@@ -115,7 +115,8 @@ def outside(tree, compiler, kind):
     return words(out, asset, test.path("pieces"), env={"LD_LIBRARY_PATH": folder}, stdin=points).encode().split()
 
 
-# Where both kinds are, the linker takes the shared one; a tree of archives alone, moved, has the other.
+# Where both kinds are, the linker takes the shared library; so a moved tree with archives alone has
+# the other kind.
 archives = test.path("elsewhere", "root")
 shutil.copytree(root, archives, symlinks=True)
 for path in glob.glob(os.path.join(archives, "opt/umbrage/lib/*.so*")):

@@ -19,7 +19,7 @@ test = ut.Test()
 
 
 def products(scene, sun, resolution, asset):
-    """What light_products says of a bake."""
+    """The result of light_products for a bake."""
     subprocess.run([ut.program("umbrage-bake"), scene, "-o", asset, "--sun", sun, "--resolution", resolution,
                     "--closed", "off", "--verify", "0", "--quiet"], check=True)
     run = subprocess.run([ut.program("light_products"), scene, asset], capture_output=True, text=True)

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # run: alone (it measures rates and latencies)
 """
-`umbrage load` against a daemon on a Unix socket: what it counts is what the daemon counts, latencies
-of an open loop count from when calls were due, failures have their names, the page stands alone.
+`umbrage load` against a daemon on a Unix socket: its counts must be the daemon's, latencies of an
+open loop must count from the time at which calls were due, failures must have their names, and the
+page must need no other file.
 """
 import json
 import os
@@ -31,7 +32,7 @@ BRIEF = ("--warm-up", 0.1, "--duration", 0.4)
 
 
 def load(*words, code=0, to=UNIX):
-    """Runs a load test; what --json says, or with another code what stderr says."""
+    """Runs a load test; returns the output of --json or, if another exit code is expected, stderr."""
     done = ut.run("umbrage", "load", "city", "--json", *to, *words, code=code, timeout=60)
     return json.loads(done.stdout) if code == 0 else done.stderr.decode()
 
@@ -72,8 +73,9 @@ with test.check("a stall counts for every call that was due in it, also for thos
     told = load("--warm-up", 0, "--duration", 2, "--rate", 500, "--connections", 1,
                 "--in-flight", 4)
     stalling.join()
-    # 0.8 of two seconds were lost: with 4 calls under way a tool that measures from sending would
-    # see 4 slow ones of 1000; in truth two fifths of them had to wait.
+    # The daemon stood still for 0.8 of two seconds. With 4 calls under way, a tool that measures
+    # from the time of sending would see 4 slow calls of 1000; in truth two fifths of the calls had
+    # to wait.
     assert told["latency"]["count"] == 1000 and told["error_count"] == 0, told
     assert told["latency"]["p75_ms"] > 50 and told["latency"]["max_ms"] > 700, told
 
@@ -90,7 +92,7 @@ with test.check("a daemon that is slow to tell its figures does not stretch the 
     threading.Thread(target=tell_slowly, daemon=True).start()
     told = load("--warm-up", 0, "--duration", 1, "--rate", 200, "--admin",
                 "127.0.0.1:%d" % slow.getsockname()[1])
-    # 200 but for what is late at the end.
+    # There are 200 calls, except those that are late at the end.
     assert abs(told["seconds"] - 1) < 1e-6 and told["calls_s"] > 150, told
     assert told["latency"]["count"] == 200, told
     assert told["server"]["cpu_s"] >= 0, told

@@ -26,7 +26,7 @@ served = {"data": whole}
 
 
 def serve_region(request, context):
-    """What a daemon does, but for the truth."""
+    """Serves like a daemon, but with the false file."""
     data = b"".join(served["data"][at:at + size] for at, size in zip(request.offsets, request.lengths))
     yield M.RegionReply(asset_id=bytes.fromhex(baked["asset"]), file_bytes=len(served["data"]), data=data)
 

@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Mutated scene files of every format through the bake service: the daemon lives, every job ends in
-time and with a class, nothing is written outside of the jobs folder and the store, and no process
-stays behind. A sound scene is baked in between, to the right asset. UMBRAGE_MUTANTS: how many
-(default 60; 10000 is the full campaign), UMBRAGE_SEED.
+Mutated scene files of every format through the bake service: the daemon must not end, every job
+must end in time with a kind of failure, nothing may be written outside the jobs folder and the
+store, and no process may stay behind. A sound scene is baked in between, to the right asset.
+UMBRAGE_MUTANTS: how many (default 60; 10000 is the full campaign), UMBRAGE_SEED.
 """
 import collections
 import os
@@ -68,7 +68,7 @@ def mutate(data):
 
 
 def snapshot():
-    """Everything in the test's folder but what the service owns."""
+    """Everything in the test's folder except the folders of the service."""
     found = set()
     for folder, folders, names in os.walk(test.folder):
         folders[:] = [f for f in folders if os.path.join(folder, f) not in (STORE, JOBS)]

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The effect `front`: columns of a closed asset that has it answer line by line as those of the open
-# one; equal ids whatever the tiles, threads and depth path; off costs no byte.
+# The effect `front`: columns of a closed asset with it must have the same answers as those of the
+# open asset, line by line. Ids must be equal for all tiles, threads and depth paths. Without the
+# effect no byte may be added.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 bake() { # OUT OPTION...

@@ -71,7 +71,8 @@ with test.check("a hostile value of a number or a choice ends with 2 and names t
     for index, row in enumerate(OPTIONS):
         if row[4] not in NUMERIC | {"choice"}:
             continue
-        # Five of them each, all of them in turn: test_options.c reads every one by every kind.
+        # Five values for each option, so that all values are used in turn: test_options.c tests
+        # each with every kind.
         for value in (HOSTILE * 2)[5 * index % len(HOSTILE):][:5]:
             said = refuse(row[0], row[1].encode() + b"=" + value)
             assert row[1] + ": '" in said and "; give " in said, said
@@ -96,7 +97,7 @@ with test.check("a value that is missing, unwanted or repeated"):
             assert f"{row[1]}: needs a value; give " in refuse(row[0], row[1])
         else:
             assert f"{row[1]}: takes no value" in refuse(row[0], row[1] + "=1")
-    # The last value counts: a bad one before it is refused as well, a good one is replaced.
+    # The last value counts. A bad value before it must be refused as well; a good one is replaced.
     assert "'nan'" in refuse("umbrage jobs", "--limit", "5", "--limit", "nan")
     assert "'nan'" in refuse("umbrage jobs", "--limit", "nan", "--limit", "5")
     ut.run("umbraged", "--store", "x", "--workers", "2", "--workers", "3", "--check-config")

@@ -44,7 +44,7 @@ case $(json "$folder/out" "['fronts']") in
 *) bad "every texel's first occluder was compared" "$(cat "$folder/out")" ;;
 esac
 
-# The oracle itself must be able to fail: a file against another scene.
+# The oracle itself must be able to fail: it compares a file with another scene.
 "$BUILD/scenegen" city --size 8 --seed 2 -o "$folder/other.ply" 2>/dev/null
 "$BUILD/umbrage-bake" "$folder/city-8.ply" -o "$folder/a.umb" --resolution 256 --quiet --verify 0
 if "$BUILD/oracle_check" "$folder/a.umb" --scene "$folder/other.ply" >"$folder/out" 2>&1; then

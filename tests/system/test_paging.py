@@ -35,7 +35,7 @@ def stream(*words, code=0):
 
 
 def checks_steps(told):
-    """Figures only get better, and the bound is 0 exactly when all is exact."""
+    """Figures must only get better, and the bound must be 0 exactly when all is exact."""
     for before, after in zip(told["steps"], told["steps"][1:]):
         assert after["bytes"] > before["bytes"], told
         assert after["exact"] >= before["exact"], told
@@ -54,7 +54,7 @@ with test.check("everything is fetched once without a view, and answers are the 
     told = stream(asset, "--points", points, "--normals")
     checks_steps(told)
     assert told["pages_held"] == told["page_count"]
-    # The page in which the first read ended came whole once more.
+    # The page in which the first read ended was received once more in whole.
     assert whole <= told["steps"][-1]["bytes"] < whole + 65536, (told["steps"][-1], whole)
 
 server = link.RangeServer(folder)
@@ -139,7 +139,7 @@ with test.check("over a path of 20 reconnects no byte comes twice"):
     assert len(seen) > 20, len(seen)
     seen.sort()
     for before, after in zip(seen, seen[1:]):
-        # The first read ends inside a page, which then comes whole.
+        # The first read ends inside a page, which is then received again in whole.
         assert before[1] < after[0] or before[0] == 0, (before, after)
 
 def held_pages(part):
@@ -164,8 +164,9 @@ def page_places():
 
 def walk_with_cuts(source_of, target, check):
     """
-    Walks, from nothing each, over a link that breaks 20 times in all in mid-transfer; `check` sees the pages held
-    before each try. Returns the bytes that the link carried, those of the pages kept, and how many were kept.
+    Walks, each without any pages at first, over a link that breaks 20 times in all during transfers; `check` gets the
+    pages held before each try. Returns the bytes that the link carried, those of the pages kept, and how many were
+    kept.
     """
     part, places, cuts, step, sent, kept, pages = test.path("cut.part"), list(page_places()), 0, 0, 0, 0, 0
     for tries in range(300):
@@ -194,7 +195,7 @@ def walk_with_cuts(source_of, target, check):
 
 
 def never_again(before, places):
-    """No range that the web server was asked for meets a page that had come."""
+    """No range requested from the web server may overlap a page that was already received."""
     for first, last in server.ranges:
         if first > 0:
             again = [page for page in before if places[page][0] <= last and first < places[page][1]]
@@ -214,7 +215,8 @@ with test.check("the same from a daemon, whose replies carry many pages each"):
     daemon = test.daemon("--workers", 2)
     sent, kept, pages = walk_with_cuts(lambda port: ["city", "--address", f"tcp:127.0.0.1:{port}"],
                                        daemon.grpc_unix.removeprefix("unix:"), lambda *_: None)
-    # Lost with a connection: replies that were under way (a round of 32 KiB and blocks), tried twice.
+    # Bytes lost with a connection: the replies under way (a round of 32 KiB, and blocks), received
+    # twice.
     assert pages > 12 and sent < kept + 22 * (2 * (64 << 10)), (sent, kept, pages)
     daemon.stop()
 

@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Pictures and their numeric twin: shadows of an asset against traced rays in the same view, over
+# Pictures, and figures that compare the shadows of an asset with traced rays in the same view, over
 # the samples that face the light.
 #
 # Bounds, and why. One tap against one ray: they may differ only within a voxel of a shadow's edge,
@@ -123,8 +123,8 @@ done
 same "a picture with fog has the asked size" 320x200 "$(png_size "$folder/fog-1.png" 2>&1)"
 check "and does not depend on threads" cmp "$folder/fog-1.png" "$folder/fog-3.png"
 
-# What a picture of a scene is good for: casters in view, a ground to cast on, all its lamps.
-# houses FILE COUNT SPREAD GROUND STRAY: boxes on a square, or a triangle far away; 0: none.
+# A picture of a scene must show casters, a ground on which shadows fall, and the light of all
+# lamps. houses FILE COUNT SPREAD GROUND STRAY: boxes on a square, or a triangle far away; 0: none.
 houses() {
     /usr/bin/python3 - "$@" <<'END'
 import random
@@ -163,8 +163,8 @@ draw() { # NAME OPTION...: a picture of houses, with its facts in $folder/out
         --json -o "$folder/$name.png" "$@" >"$folder/out" 2>"$folder/err" || cat "$folder/err" >"$folder/out"
 }
 
-# A town whose stray triangle is 100 km away, and a town on a plane of 20 km: both filled the
-# picture with nothing.
+# A town with a stray triangle 100 km away, and a town on a plane of 20 km. A view fitted to either
+# whole scene would show almost nothing.
 houses "$folder/stray.obj" 216 300 0 100000
 houses "$folder/speck.obj" 60 120 10000 0
 houses "$folder/town.obj" 60 120 200 0
@@ -183,7 +183,7 @@ distance=$(sed -n 's/^camera eye=\([^,]*\),\([^,]*\),\([^,]*\),target.*/\1 \2 \3
     awk '{ printf "%d", sqrt($1 * $1 + $2 * $2 + $3 * $3) }')
 check "a town on a plane of 20 km is seen from $distance m, not from 30 km" test "$distance" -lt 1500
 
-# The ground receives, and is judged by the same rays.
+# The ground receives shadows, and is compared with the same rays.
 draw stray --light 0
 without=$(json "$folder/out" "['seen']")
 draw stray --light 0 --ground --compare --taps 1
@@ -191,7 +191,7 @@ same "with a ground each sample sees something" 57600 "$(json "$folder/out" "['s
 check "which without it is not so" test "$without" -lt 50000
 check "the ground is compared with rays" test "$(json "$folder/out" "['facing']")" -gt 50000
 
-# Lights add up, and each is judged.
+# The light of several lights adds up, and each light is compared with rays.
 draw town --taps 1 --compare --camera eye=200,-250,160,target=0,0,0
 both=$(json "$folder/out" "['facing']")
 same "both lights are drawn" 2 "$(json "$folder/out" "['lights']")"
@@ -207,7 +207,7 @@ try 2 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/n
 try 66 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light 2
 try 2 umbrage render "$folder/town.obj" --asset "$folder/town.umb" -o "$folder/no.png" --light 0 --light 1 --fog 0.1
 
-# One view by file, by a second run, and in other threads is one picture.
+# The picture must be the same from a file, in a second run, and with other numbers of threads.
 "$BUILD/umbrage" render "$folder/city.glb" --asset "$folder/city.umb" -o "$folder/a.png" \
     --size 320x200 --threads 1 --quiet 2>"$folder/err"
 "$BUILD/umbrage" render "$folder/city.glb" --asset "$folder/city.umb" -o "$folder/b.png" \

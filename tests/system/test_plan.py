@@ -37,7 +37,7 @@ def line_of(plan, effect):
     return lines[0] if lines else ""
 
 
-# Under the former rule, closed if 2.5 % of the area is: off, off, on, on, off.
+# With the former rule (closed if at least 2.5 % of the area is): off, off, on, on, off.
 for name, resolution, closed in (("objects_on_land", 4096, True), ("small_town_on_wide_plane", 4096, True),
                                  ("five_closed_of_216", 1024, False), ("trees_on_solid_land", 2048, True),
                                  ("few_objects_on_land", 16384, True)):
@@ -73,7 +73,7 @@ with test.check("an asset holds no bytes that depend on the compression"):
     text = done.stdout.decode()
     assert "closed saves about" in text and " open, going by" not in text and "kB closed" not in text, text
 
-# Files as others wrote them; z is what a file without evidence gets, with a warning.
+# Files as other programs write them; a file without evidence gets z, with a warning.
 HELD = {"hair_long01/long01.obj": ("y", True), "scan_lionstatue/lionstatue.obj": ("y", True),
         "scan_ycb_banana/textured_simple_reoriented.obj": ("z", False),
         "garden_sterngarten/Sterngarten_Wien_innerArea-optimized.obj": ("z", True),

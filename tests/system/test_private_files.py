@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Files that only the daemon may write, tested with real users: members of a store's group, members of
-a socket's group, and other users. Needs root, to act as them.
+Files that only the daemon may write. The test acts as real users: members of a store's group,
+members of a socket's group, and other users. Needs root, to act as them.
 """
 import os
 import shutil

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The Python module's refusals: every bad argument is named in the exception, nothing crashes, nothing leaks; closed
-assets, interrupts, wrong threads, servers that are gone.
+The Python module's refusals: every bad argument must be named in the exception, and nothing may crash or leak.
+Also tested: closed assets, interrupts, wrong threads, servers that are gone.
 """
 import gc
 import math
@@ -26,7 +26,7 @@ NAN, INF = float("nan"), float("inf")
 
 
 def refused(call, *words, kinds=(TypeError, ValueError)):
-    """The call raises one of the kinds, and says the words."""
+    """The call must raise one of the kinds of exception, with the words in its message."""
     try:
         answer = call()
     except kinds as error:

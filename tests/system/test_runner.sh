@@ -101,7 +101,8 @@ SCRIPT
 done
 TEST_JOBS=3 closing 0 "3 passed, 0 failed, 0 skipped" ./third.sh ./first.sh ./second.sh
 
-# What hangs is ended, with the processes that it started, also with one that minds no SIGTERM.
+# A test that hangs must be ended with the processes that it started, also with one that ignores
+# SIGTERM.
 make_test hangs <<'SCRIPT'
 (trap '' TERM; exec sleep 100) &
 echo $! >sleeper

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Scenes that nobody in this project made, from ${UMBRAGE_SCENES:-../shared/scenes}: each one that
-# can be imported bakes at 2048^3 and agrees with traced rays outside of the boundary band; scenes with
+# Scenes from outside this project, from ${UMBRAGE_SCENES:-../shared/scenes}: each one that can be
+# imported bakes at 2048^3 and agrees with traced rays outside of the boundary band; scenes with
 # closed parts under all three settings of the closed rule. Files that hold no mesh exit with 65 and
 # one sentence that says why.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
@@ -14,7 +14,8 @@ fi
 # probability of 95 %; the full million of `verify` is for people.
 POINTS=300000
 
-# At 2048 and a picked sun; bake options and verify's find zero outside the band.
+# Bakes at 2048 with a chosen sun; the bake's own check and `verify` must find no wrong point
+# outside the band.
 bakes() { # SCENE [BAKE OPTION]...
     scene=$1
     shift
@@ -50,7 +51,7 @@ while read -r scene rules light; do
     done
 done <"$root/tests/scenes/real_scenes.txt"
 
-# The planted mistake: another scene's asset must not agree.
+# The check must be able to fail: another scene's asset must not agree.
 banana=$scenes/scan_ycb_banana/textured_simple_reoriented.obj
 if "$BUILD/umbrage" verify "$folder/a.umb" --scene "$banana" --force --points 20000 \
     >"$folder/out" 2>&1; then

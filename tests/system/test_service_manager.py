@@ -33,7 +33,7 @@ def write_config(*lines):
 
 
 def next_notice(first):
-    """The next notice that begins so; others are passed over."""
+    """The next notice that begins with the text; other notices are skipped."""
     while True:
         text = notices.recv(4096).decode()
         if text.startswith(first):

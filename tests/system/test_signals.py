@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""A daemon that is told to leave again and again while it leaves still exits with 0; a command that is
-interrupted while it writes leaves no temporary behind, and one that takes long shows how far it is. Programs that are started without standard
-streams print into no file of theirs.
+"""A daemon that gets SIGTERM again and again while it ends must still exit with 0. A command that is interrupted while
+it writes must leave no temporary behind, and a long one must show its progress. Programs that are started without
+standard streams must not print into one of their files.
 
 libuv gives a signal its default action back when its handle closes; a SIGTERM in that last moment
 used to kill the process (13 of 30 runs).
@@ -21,7 +21,7 @@ BUILD = os.environ.get("BUILD", "build/release")
 ROUNDS = 20
 
 
-# Runs its words with none of the standard descriptors.
+# Runs its arguments as a command without any of the standard descriptors.
 CLOSED = ["sh", "-c", "exec \"$@\" <&- >&- 2>&-", "sh"]
 
 
@@ -70,14 +70,15 @@ def interrupt_commands(folder):
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         code, left = interrupted(folder, number)
         print("interrupted:", code, left)
-        # A command that had its output in place before the signal came leaves it, and nothing else.
+        # A command whose output was in place before the signal must leave the output, and nothing
+        # else.
         if (code, left) not in ((-number, []), (-number, ["city.umbm"]), (0, ["city.umbm"])):
             return 1
     return interrupt_boxes(folder)
 
 
 def interrupt_boxes(folder):
-    """1 unless boxes that take long show on a terminal how far they are, and end at ctrl-C."""
+    """Returns 1 unless boxes that take long show their progress on a terminal, and end at Ctrl-C."""
     boxes = os.path.join(folder, "boxes")
     with open(boxes, "w", encoding="ascii") as file:
         file.write("-1e4 -1e4 -1e4 1e4 1e4 1e4\n" * 5000)  # hours
@@ -102,7 +103,8 @@ def interrupt_boxes(folder):
 
 
 def bake_without_streams(folder):
-    """1 unless a bake that says much and has nowhere to say it writes the asset of any other."""
+    """Returns 1 unless a bake with many messages and no standard streams writes the same asset as
+    any other."""
     scene = os.path.join(folder, "city.glb")
     subprocess.run([build("scenegen"), "city", "--size", "2", "--seed", "1", "-o", scene], check=True)
     baked = []

@@ -93,7 +93,7 @@ def kill_controller():
 
 
 def kill_agent():
-    """Its task runs on, and is started a second time elsewhere."""
+    """Its task runs on, and Slurm starts it a second time elsewhere."""
     kill(pid_of("slurmd-n2"))
     time.sleep(14)  # SlurmdTimeout is 10
     start_agent("n2")

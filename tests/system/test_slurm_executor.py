@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The daemon's Slurm executor against a pretended cluster (harness/fake_slurm.py): the same ids as on
+The daemon's Slurm executor with an imitated cluster (harness/fake_slurm.py): the same ids as on
 this machine; submissions that are lost, tasks that run twice, are killed or held back, and a
-controller that is away, are all survived; a cancelled or forgotten job leaves no task.
+controller that is away must all be survived. A cancelled or forgotten job must leave no task.
 """
 import json
 import os
@@ -98,7 +98,7 @@ with test.check("tasks that are killed and vanish are given out again, alone"):
     fault("kill", 2)
     bake(40)
     arrays = [call for call in calls("sbatch")[before:] if "--array" in call]
-    # Seen to be missing at one look, or one after the other.
+    # The task is found missing in one look, or in two looks one after the other.
     again = {word for call in arrays[1:] for word in call.split() if word.startswith("--array=")}
     assert again in ({"--array=0-1"}, {"--array=0", "--array=1"}) and len(arrays) <= 3, arrays
 
@@ -156,7 +156,8 @@ with test.check("a cancelled job leaves nothing in the queue"):
 
 with test.check("what a killed daemon had submitted is ended by the next one, and its job is done"):
     job = cli("submit", scene, *settings(80))["job"]
-    # All four: an sbatch that outlives the daemon would submit the others after the search.
+    # Waits for all four: an sbatch that outlives the daemon would submit the others after the
+    # search.
     ut.wait_until(lambda: len(queue()) == 4, 60, "all tasks are in the queue")
     daemon.kill()
     mend("held")

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Spot and point lights: every voxel of every face equals lit and end by brute force, both ways to
-# find depth give one id, and points agree with rays traced to the light.
+# Spot and point lights: every voxel of every face must agree with lit and end found by brute force,
+# both depth paths must give one id, and points must agree with rays traced to the light.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 exhaust() { # KIND SIZE RULE LIGHT...

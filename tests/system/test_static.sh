@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The effect `static`: points on surfaces are answered as without it, points in the air counted as
-# undefined, by files and by the service; equal ids for all tiles, threads and depth paths.
+# The effect `static`: points on surfaces must get the same answers as without it, and points in the
+# air must be counted as undefined, by files and by the service. Ids must be equal for all tiles,
+# threads and depth paths.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 bake() { # OUT OPTION...
@@ -83,7 +84,8 @@ for taps in 1 9 17; do
     query "$folder/static.umb" surface --taps $taps >"$folder/static.txt"
     same "$taps taps: nothing on a surface gets darker, of $count points" "$count" \
         "$(paste "$folder/open.txt" "$folder/static.txt" | awk '$2 >= $1' | wc -l)"
-    # A triangle that every texel's centre sees lit may have a shadow's edge within a voxel.
+    # A triangle whose texels are all lit at their centres may still have a shadow's edge within a
+    # voxel.
     lost=$(paste "$folder/open.txt" "$folder/static.txt" | awk '$1 == 0 && $2 > 0.5' | wc -l)
     check "$taps taps: no shadow is lost but within a voxel of its edge ($lost)" test "$lost" -le 10
     same "$taps taps: no point of a surface is undefined" 0 \

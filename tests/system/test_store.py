@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The store folder of a running daemon: assets come, change, are damaged and go, without a restart and
-without one wrong answer. Each reply names the version that answered and holds its answers.
+The store folder of a running daemon: assets are added, changed, damaged and removed without a
+restart, and no answer may be wrong. Each reply must name the version that answered, and hold that
+version's answers.
 """
 import os
 import shutil
@@ -38,7 +39,7 @@ client = test.client(daemon.grpc_tcp)
 
 
 def publish(source, name):
-    """As bake and people should do it: written beside, then renamed."""
+    """Replaces a file as bakes and people should: written beside it, then renamed."""
     part = os.path.join(store, ".part." + name.replace("/", "."))
     shutil.copyfile(test.path(source + ".umb"), part)
     os.rename(part, os.path.join(store, name))
@@ -193,7 +194,7 @@ for name in ("cut", "empty", "text", "tail", "flip"):
 
 
 def restarted_well():
-    """A new daemon on the store answers all three right; returns its log."""
+    """A new daemon on the store must answer all three assets right; returns its log."""
     global client
     started = test.daemon()
     client = test.client(started.grpc_tcp)

@@ -136,7 +136,8 @@ QUERY, STREAM = "/umbrage.v1.Shadows/Query", "/umbrage.v1.Shadows/QueryStream"
 
 
 def ask_at_once(asked):
-    """Each (path, asset, how often) a call of its own, all requests in one write; their replies."""
+    """Sends each (path, asset, repeats) as a call of its own, all requests in one write; returns
+    the replies."""
     wire = h2.Connection(daemon.port)
     wire.settle()
     pieces = []
@@ -154,7 +155,7 @@ def ask_at_once(asked):
 
 
 def visibilities(reply):
-    """Of every message of a body."""
+    """Parts of every message of a body."""
     body, found = reply.body, []
     while body:
         size = int.from_bytes(body[1:5], "big")
@@ -163,14 +164,14 @@ def visibilities(reply):
     return found
 
 
-# Answers of one event share the look at the file that proves them (server/daemon/call/optimistic_reads.h).
+# Answers of one event share one check of the file (server/daemon/call/optimistic_reads.h).
 with test.check("of requests in one packet those on the damaged asset fail, and no answer of it leaves"):
     asked = [(STREAM, "victim", 5), (QUERY, "other", 1), (QUERY, "victim", 1), (STREAM, "other", 5)]
     for _ in range(3):
         ut.wait_until(lambda: heals(client), SOON, "the victim answers again")
         for (_, asset, times), reply in zip(asked, ask_at_once(asked)):
             assert reply.status == 0 and visibilities(reply) == [truth[asset, few]] * times, reply
-        # A file made anew a moment ago may have the same time: file systems count in ticks.
+        # A file made again a moment later may have the same time: file systems count in ticks.
         made = os.stat(cache_path("victim")).st_mtime_ns
         ut.wait_until(lambda: time.time_ns() - made > 50_000_000, SOON, "a later time")
         overwrite(cache_path("victim"))

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-umbrage submit, watch, jobs, cancel, fetch and rm against a daemon on a Unix socket: the same bytes
-as umbrage-bake, files gathered from where a scene names them, watching across a restart.
+umbrage submit, watch, jobs, cancel, fetch and rm with a daemon on a Unix socket: the asset must
+have the same bytes as umbrage-bake's, files must be gathered from where a scene names them, and
+watching must survive a restart.
 """
 import json
 import os

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles as the unit of work: an asset's id does not depend on how the bake was cut up, killed, resumed or
-shared; an edit bakes only the tiles that it reaches; damage and a full disk are survived.
+"""Tiles as the unit of work: an asset's id must not depend on how the bake was divided, killed, resumed
+or shared. An edit must bake only the tiles that it reaches. Damage and a full disk must be survived.
 """
 import json
 import os
@@ -62,7 +62,7 @@ def make_city(moved=0.0):
 
 
 def edits(folder, scene):
-    """Judged by issue 3: 64 tiles, one small object moves."""
+    """The case of 64 tiles in which one small object moves."""
     cache, moved = os.path.join(folder, "cache"), os.path.join(folder, "moved.obj")
     out = os.path.join(folder, "a.umb")
     full = bake(scene, "-o", out, "--verify", "0", *SETTINGS)
@@ -168,7 +168,7 @@ def imported(folder, scene, asset):
 
 
 def lights(folder, scene):
-    """Tiles are counted over all faces of all lights, and are found for each of them."""
+    """Tiles are counted over all faces of all lights, and each face must find its own."""
     tiles, out = os.path.join(folder, "lit"), os.path.join(folder, "lit.umb")
     settings = ["--resolution", "512", "--tile", "128", "--sun", "135,45", "--point", "3,4,30",
                 "--spot", "0,0,40,0.1,0,-1,30", "--quiet", "--json"]
@@ -182,7 +182,7 @@ def lights(folder, scene):
 
 
 def killed_and_resumed(folder, scene, asset):
-    """kill -9 at random moments, each with more tiles in the cache, then on with the same command."""
+    """kill -9 at random moments, each with more tiles in the cache; then the same command goes on."""
     cache, out = os.path.join(folder, "cache3"), os.path.join(folder, "resumed.umb")
     draw = random.Random(11)
     for kept in range(0, 18, 3):

@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The effect `transmittance`: behind panes of glass the light that is left is the product of what
-# they let through, as the file, its mapped form, and the daemon answer; equal ids for
-# any number of threads and tiles; off, and for opaque materials, nothing of it is there.
+# The effect `transmittance`: behind panes of glass the light must be the product of what they let
+# through, in answers of the file, its mapped form and the daemon. Ids must be equal for any number
+# of threads and tiles. With the effect off, and for opaque materials, the asset must hold no
+# transmittance.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 
 # A ground, panes at heights 4 and 6 over parts of it, and an opaque roof at 8 over another part.
@@ -46,7 +47,8 @@ bake() { # OUT OPTION...
     json "$folder/json" "['asset']"
 }
 
-# Nobody's shadow, the lower pane's, both, the upper's, the roof's; and above the lower pane.
+# In no shadow, in that of the lower pane, of both, of the upper pane, and of the roof; and above
+# the lower pane.
 cat >"$folder/points" <<END
 8 0 0.1
 -4 -2 0.1
@@ -89,7 +91,7 @@ is_below() { # SENTENCE FIELD BOUND
 render -o "$folder/glass.png"
 is_below "so it does in a picture" mean_difference 0.005
 check "in which the panes are seen" test "$(json "$folder/render" "['translucent']")" -gt 1000
-# Another pane is found out: in voxels and in the picture.
+# A pane that was changed must be found, in voxels and in the picture.
 scene other 0.5
 cp "$folder/glass.umb" "$folder/other.umb"
 "$BUILD/umbrage" verify "$folder/other.umb" --scene "$folder/other.obj" --points 20000 --force \

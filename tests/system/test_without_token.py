@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-Callers without rights against a daemon with a token file (and single addresses against one without):
-the memory, connections, streams, Watches, processor and drain time that they can use. Whatever they
-do, from one address or many, a new client with a good token connects and is answered.
+What callers without rights can use of a daemon with a token file (and single addresses of a daemon
+without one): memory, connections, streams, Watches, processor and drain time. Whatever they do, from
+one address or many, a new client with a good token connects and is answered.
 """
 import os
 import signal
@@ -71,7 +71,8 @@ def upload(connection, payload, **how):
 
 
 def serves_the_good(daemon, times=3, token=GOOD, source=None):
-    """New clients with a good token (None: without) are answered, each on a connection of its own."""
+    """Checks that new clients with a good token (None: without) are answered, each on a connection
+    of its own."""
     for _ in range(times):
         connection = connect(daemon, source)
         reply = connection.call(QUERY, body(), extra=bearer(token) if token else ())
@@ -128,7 +129,8 @@ with test.check("a health request that does not end is given up after two second
     assert time.monotonic() - begin < 20  # --body-timeout is 30 s
     connection.close()
 with test.check("a balancer's probe on a connection of its own is answered, whatever others of its address ask"):
-    # Behind a balancer all clients have its address, and their calls share connections with rights.
+    # Behind a balancer all clients have its address, and calls without rights share connections
+    # with calls that have rights.
     balancer = "127.0.9.9"
     flood, stop, refused = connect(daemon, balancer), threading.Event(), []
     assert flood.call(QUERY, body(), extra=bearer(GOOD)).status == OK

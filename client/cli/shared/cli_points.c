@@ -415,7 +415,7 @@ enum umb_status umbc_points_sample(const char *path, enum umbc_points_format for
         size = source->size;
         umbc_points_close(source);
     }
-    /* A file with perhaps no more points than `most` is read as a whole. */
+    /* A file that may have no more points than `most` is read as a whole. */
     const uint64_t count = size > most * 12 && most > RANGE ? most / RANGE : size > 0;
     for (uint64_t i = 0; i < count; i++) {
         const size_t end = batch->count + (count > 1 ? RANGE : most);

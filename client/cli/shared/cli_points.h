@@ -31,8 +31,8 @@ struct umbc_points {
     const char *name; /* borrowed; "stdin" for "-" */
     enum umbc_points_format format;
     bool with_normals; /* true: raw points have six numbers */
-    /* true: six numbers are two points, ends of a segment or corners of a box, and batches hold
-     * whole pairs. Set it before the first read. */
+    /* true: six numbers are two points, such as the ends of a segment or corners of a box, and a
+     * batch never ends within a pair. Set this before the first read. */
     bool pairs;
     uint64_t line;     /* number of the last line of text */
     uint64_t offset;   /* number of bytes read */
@@ -102,7 +102,8 @@ UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_
                                              bool with_normals, size_t most,
                                              struct umbc_batch *batch, struct umb_error *error);
 
-/* Number of points of a calibration sample; they touch more memory than caches hold. */
+/* Number of points of a calibration sample. It is so large that the points touch more memory than
+ * the caches hold. */
 #define UMBC_SAMPLE_POINTS 262144
 
 /*
@@ -110,7 +111,8 @@ UMB_CHECKED enum umb_status umbc_points_load(const char *path, enum umbc_points_
  *
  * In:    path, format, with_normals: as for umbc_points_open. most: number of points wanted.
  * Out:   batch: finish with umbc_batch_finish, also after a failure. batch->count is 0 for stdin,
- *        pipes and files that cannot be read; reading the whole file then gives the error.
+ *        pipes and files that cannot be read. Such files are not reported here: reading the whole
+ *        file later reports the error.
  * Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbc_points_sample(const char *path, enum umbc_points_format format,

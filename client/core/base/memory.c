@@ -8,7 +8,8 @@
 #include <sys/mman.h>
 
 #define CACHE_LINE 64U
-#define LARGE_PAGE ((uintptr_t)2 << 20) /* Bytes on x86-64; other systems round or refuse */
+/* Bytes of a large page on x86-64; other systems round the size or refuse */
+#define LARGE_PAGE ((uintptr_t)2 << 20)
 
 void umb_free(void *block)
 {
@@ -46,8 +47,8 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
     void *block =
         alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
     if (block) {
-        /* The advice covers only large pages that lie wholly inside the block, so it never touches
-         * another block's memory. */
+        /* madvise is called only for large pages that lie wholly inside the block, so it never
+         * changes another block's memory. */
         uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
         uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
         if (first < end) {

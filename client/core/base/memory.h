@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_CORE_BASE_MEMORY_H
 #define UMBRAGE_CORE_BASE_MEMORY_H
 /*
- * Allocation through a struct umb_alloc (NULL = malloc), with a check of every size product, and
- * the core's growing array.
+ * Allocation through a struct umb_alloc (NULL = malloc). Products of sizes are checked for
+ * overflow. The file also has the core's growing array.
  */
 #include <stdbool.h>
 #include <stddef.h>

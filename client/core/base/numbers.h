@@ -8,10 +8,11 @@
  * set in all bytes but the last. The encoding is as short as possible: the last byte is 0 only for
  * the number 0.
  *
- * A list of numbers below one limit begins with the lowest eight bits of each number, a byte each.
- * Then come the bits beyond eight that the limit needs, one number after the other from the lowest
- * bit of a byte up, and zeros up to a whole byte. So lists of small numbers stay bytes, in which a
- * compressor finds repetitions, and other lists take hardly more than their bits.
+ * All numbers of a list are below one limit. A list begins with one byte for each number: the
+ * number's lowest eight bits. The higher bits follow, packed without gaps: from each number as many
+ * as the limit needs, from the lowest bit of a byte up, with zeros up to a whole byte. So a list of
+ * small numbers is a row of bytes, in which a compressor finds repetitions, and other lists take
+ * hardly more than their bits.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -77,7 +78,7 @@ struct umb__number_list {
     unsigned high_bits; /* Bits of each number beyond eight */
 };
 
-/* Returns the bits beyond eight of numbers below a limit: 0 to 25. */
+/* Returns how many bits a number below the limit can have beyond its lowest eight: 0 to 25. */
 static inline unsigned umb__list_high_bits(uint64_t limit)
 {
     unsigned bits = 0;

@@ -91,9 +91,10 @@ static void *map_resize(struct header *header, size_t bytes)
         }
         moved = mremap(header, old, mapped, MREMAP_MAYMOVE | MREMAP_FIXED, space);
         if (moved == MAP_FAILED) {
-            /* The new space stays mapped here. Kernels mostly unmap it before they find out that
-             * memory is short, and another thread may use these addresses by now. If the limit of
-             * mappings was the reason, the addresses stay reserved, without memory. */
+            /* The new address space is not unmapped: kernels mostly unmap it themselves before they
+             * find out that memory is short, and another thread may use these addresses by now. If
+             * the kernel refused because a process has too many mappings, the addresses stay
+             * reserved, without memory. */
             return NULL;
         }
     }

@@ -30,8 +30,9 @@ static void reach_edges(const struct umb_frustum_info *frustum, uint32_t level, 
     edges[2] *= cell;
 }
 
-/* Adds the effect of a perspective frustum's slanted rays. A step along such a ray is longer than
- * along the axis, and the bias is divided by the growth of voxels along the ray (perspective.c). */
+/* Adds the effect of a perspective frustum's slanted rays. A step along such a ray is longer than a
+ * step along the axis. Voxels grow along the ray, and perspective.c divides the bias by that
+ * growth. */
 static double slant(const struct umb_frustum_info *frustum, uint32_t taps, double *growth)
 {
     const double *ex = frustum->voxel_step[0], *ey = frustum->voxel_step[1];
@@ -43,8 +44,8 @@ static double slant(const struct umb_frustum_info *frustum, uint32_t taps, doubl
     return sqrt(1.0 + half * half * square);
 }
 
-/* Returns the largest distance of a look-up: the longest automatic bias plus half the reach of a
- * window or cell. */
+/* Finds the largest distance of a look-up from its point: the longest automatic bias plus half
+ * the reach of a window or cell. */
 static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uint32_t taps,
                      double *bias, double *look_up)
 {

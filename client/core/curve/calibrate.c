@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Measures the nanoseconds a point of each row of a curve on this machine. Rows are timed on the
- * caller's points. If there are none, they are timed on points of two kinds: easy ones anywhere in
- * the frustum (mostly large uniform cells), and hard ones where the light first meets a caster. The
- * cache lines that one tap reads are counted for both kinds and for the curve's points on surfaces.
- * These three counts tell how hard the curve's points are, and the costs are interpolated between
- * easy and hard.
+ * Measures how many nanoseconds a query takes for each point on this machine, with the settings of
+ * each row of an accuracy curve. Rows are timed on the caller's points. If the caller gives none,
+ * they are timed on points of two kinds: easy ones anywhere in the frustum (mostly large uniform
+ * cells), and hard ones where the light first meets a caster. The cache lines that one tap reads
+ * are counted for both kinds and for the curve's points on surfaces. These three counts tell how
+ * hard the curve's points are, and the costs are interpolated between easy and hard.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -22,7 +22,7 @@ enum {
     POINTS = 32768,    /* Number of points of each kind */
     COLUMN_STEPS = 64, /* Cubes visited along a ray before another ray is tried */
     HARDNESS_MAX = 2,  /* Limit of the extrapolation: the curve's points may be harder than the hard
-                          points, but not much */
+                          points, but not by much */
     RUNS = 7,          /* Runs of each row */
     INTERVALS = 8,     /* Intervals of a run */
     INTERVAL = 1024,   /* Points of an interval, so many that a query's own start hardly counts */
@@ -53,9 +53,10 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Queries INTERVALS short runs of points: one from each of INTERVALS equal parts of the points, its
- * run number `turn` (modulo the runs of a part). If a part is shorter than a run, queries all
- * points repeatedly. Returns nanoseconds a point. */
+/* Queries INTERVALS short runs of points, and returns nanoseconds a point. The points are divided
+ * into INTERVALS equal parts, and each part into runs. One run is taken from each part: number
+ * `turn`, modulo the number of runs in a part. If a part is shorter than a run, queries all points
+ * repeatedly. */
 static double time_intervals(const struct job *job, const struct umb_points *points,
                              const struct umb_query *query, size_t turn, float *answers)
 {
@@ -131,8 +132,9 @@ static double unit(uint64_t *state)
     return (double)((*state * UINT64_C(0x2545f4914f6cdd1d)) >> 11) * 0x1p-53;
 }
 
-/* Returns the cache lines of a voxel's look-up as docs/reference/umb-format.md counts them: the
- * smallest uniform cube around it shows which odd levels above are mixed. */
+/* Returns the number of cache lines that the look-up of a voxel reads, counted as in
+ * docs/reference/umb-format.md. One line is read for each wide node on the way from the grid to the
+ * smallest uniform cube around the voxel, or to its brick. */
 static double lines_at(const struct job *job, const double voxel[3])
 {
     const uint32_t highest = umb_level_max(job->frustum->log2_size);
@@ -167,7 +169,8 @@ static void draw_points(struct job *job)
     }
 }
 
-/* Returns the hardness of the curve's points, from easy (0) to hard (1). */
+/* Returns how hard the curve's points are to query, from 0 (as the easy points) to 1 (as the hard
+ * points). */
 static double hardness(const struct job *job)
 {
     const double span = job->hard.lines - job->easy.lines;

@@ -21,8 +21,8 @@ static double light_bound_m(const struct umb__content *content,
     return bound;
 }
 
-/* Returns the first row of a light, or of a later light if it has none. Rows are sorted
- * (content_check.c). */
+/* Returns the first row of a light; if the light has no row, the first row of a later light. Rows
+ * are sorted (content_check.c). */
 static uint32_t first_row(const struct umb__content *content, uint32_t light)
 {
     uint32_t low = 0, high = content->curve_count;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * See curve_measure.h. Each point is looked up as in a query. A second look-up at full resolution,
- * moved by up to half a voxel to the side, gives the error of the answer, since no answer depends
- * on where in a voxel the true boundary runs. The second look-up is half a texel farther off the
+ * moved by up to half a voxel to the side, gives the error of the answer, since an answer cannot
+ * tell where in a voxel the true boundary runs. The second look-up is half a texel farther off the
  * surface, so that the sideways move does not lead into the surface itself.
  */
 #include "curve/curve_measure.h"

@@ -41,10 +41,10 @@ struct umb__octree_window {
     uint64_t lines; /* Added to: number of lines, see docs/reference/umb-format.md, CURV */
 };
 
-/* Returns the number of lit texels of a window. For a single voxel with a level it returns the lit
- * halves of the voxel's cell: 0, 1 or 2. The counts depend on the voxels only, not on the layout or
- * tuning of queries, so they may be part of a file's identity. Cost: one visit for each node that
- * the window touches. */
+/* Returns the number of lit texels of a window. For a single voxel whose look-up stops at a level
+ * it returns the state of the cell at that level in halves: 0 is shadowed, 1 is mixed, 2 is lit.
+ * The counts depend on the voxels only, not on the layout or tuning of queries, so they may be part
+ * of a file's identity. Cost: one visit for each node that the window touches. */
 uint32_t umb__octree_window_count(struct umb__octree_window *window);
 
 #endif

@@ -16,9 +16,10 @@ struct exporter {
     const struct umb_asset *asset;
     struct umb__pool pool;
     struct umb_error *error;
-    uint32_t *brick_of; /* Reference to each brick of the view, plus MADE; 0: not made yet */
-    /* Reference for each word at which a wide node begins, plus MADE; 0: the node is not made
-     * yet */
+    /* Reference in the pool of each brick of the view, plus MADE; 0: not made yet */
+    uint32_t *brick_of;
+    /* For each word of the view at which a wide node begins: the pool's reference to the node, plus
+     * MADE; 0: not made yet */
     uint32_t *node_of;
 };
 

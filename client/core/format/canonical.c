@@ -22,7 +22,7 @@
 #error "fields are copied between records and structs, and the file is little-endian"
 #endif
 
-/* A field of a record; the bytes in the file and in memory are the same. */
+/* A field of a record. Its bytes are the same in the file and in memory. */
 struct field {
     uint32_t at;     /* Offset in bytes in the record */
     uint32_t bytes;  /* Number of bytes; 0 ends a list */
@@ -94,10 +94,11 @@ enum entry {
     offsetof(struct umb__canonical, member), sizeof *((struct umb__canonical *)NULL)->member
 
 /*
- * A reader must understand most entries. A reader that ignores translucent casters would call their
- * shadows lit. A reader that ignores the static rule would answer in undefined space. The curve and
- * the occluder depth may be ignored: answers are then fewer, but not wrong. The sides of area
- * lights are a second part of the records of lights, from which they are read and written.
+ * Most entries are marked as ones that a reader must understand. A reader that ignores translucent
+ * casters would call their shadows lit. A reader that ignores the static rule would answer in
+ * undefined space. The curve and the occluder depth may be ignored: answers are then fewer, but not
+ * wrong. The entry of sides holds the side vectors of area lights. In memory a side is a member of
+ * its light's record.
  */
 static const struct row {
     uint32_t tag, flags;
@@ -105,7 +106,7 @@ static const struct row {
     uint32_t record;            /* Bytes of a record in the file */
     const struct field *fields; /* NULL: records are the same in memory */
     size_t array;               /* Offset of the pointer to the records in memory */
-    size_t item;                /* Bytes of such a record; 0: struct umb__canonical is the record */
+    size_t item;                /* Bytes of a record in memory; 0: it is struct umb__canonical */
 } rows[ENTRY_COUNT] = {
     {UMB__TAG_SCENE, UMB__MUST_UNDERSTAND, false, UMB__SCENE_SIZE, scene_fields, 0, 0},
     {UMB__TAG_LIGHTS, UMB__MUST_UNDERSTAND, false, UMB__LIGHT_SIZE, light_fields,
@@ -258,9 +259,9 @@ static uint8_t *items_of(const struct umb__canonical *canonical, const struct ro
     return items;
 }
 
-/* Copies an entry into memory: into a new array, into the one that ENTRY_LIGHTS made, or into
- * `canonical` itself. A NUL follows bytes without fields, which may be a text. Returns false if out
- * of memory. */
+/* Copies an entry into memory: into a new array, or into `canonical` itself if it has one record.
+ * The entry of sides goes into the lights that are already there. An entry without a list of fields
+ * may be a text, so a NUL is added behind its bytes. Returns false if out of memory. */
 static bool load(const struct entries *entries, enum entry entry, const struct umb_alloc *alloc,
                  struct umb__canonical *canonical)
 {
@@ -314,7 +315,7 @@ static enum umb_status check_records(const struct umb__canonical *canonical,
     return UMB_OK;
 }
 
-/* Returns whether a light is a rectangle with a side, whose vector the asset stores. */
+/* Returns whether a light has a side vector other than zero, which makes it a rectangle. */
 static bool has_side(const struct umb_light_info *light)
 {
     return light->side[0] != 0 || light->side[1] != 0 || light->side[2] != 0;
@@ -329,7 +330,8 @@ static bool has_sides(const struct umb__content *content)
     return any;
 }
 
-/* Checks that the entry of sides is there for a side only: equal content must have equal bytes. */
+/* Checks that the entry of side vectors is present only if some light has a side: equal content
+ * must have equal bytes. */
 static enum umb_status check_sides(const struct entries *entries,
                                    const struct umb__content *content, struct umb_error *error)
 {
@@ -472,7 +474,8 @@ static enum umb_status text_length(const char *text, const char *field, uint64_t
     return UMB_OK;
 }
 
-/* Returns the bytes of an entry of `length` bytes and its head; 0 if the entry is left out. */
+/* Returns the number of bytes that an entry with `length` bytes of content takes in the block, its
+ * head included; 0 if the entry is left out. */
 static uint64_t entry_length(size_t entry, uint64_t length)
 {
     return length == 0 && rows[entry].is_optional ? 0 : UMB__ENTRY_HEAD + padded(length);

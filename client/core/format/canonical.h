@@ -10,9 +10,10 @@
 
 /* Place of a frustum's root in a packed file. */
 struct umb__packed_root {
-    uint32_t state;    /* State, enum umb__node_state */
-    uint32_t page;     /* Page of a mixed root, else 0 */
-    uint32_t position; /* Position of a mixed root among its page's nodes of its level, else 0 */
+    uint32_t state; /* State, enum umb__node_state */
+    uint32_t page;  /* Page of a mixed root, else 0 */
+    /* Position of a mixed root among the nodes of its level in its page, else 0 */
+    uint32_t position;
 };
 
 /* A decoded canonical block: the content, and the parts that only a reader needs. Owns both. */
@@ -27,8 +28,8 @@ struct umb__canonical {
  * Encodes a canonical block.
  *
  * Out:   bytes: uint8[*length], which the caller frees with umb__free.
- * Fails: E_ARGUMENT (a text that is missing, too long or not UTF-8; more bytes than readers take),
- *        E_NO_MEMORY.
+ * Fails: E_ARGUMENT (a text that is missing, too long or not UTF-8; more bytes than readers
+ *        accept), E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umb__canonical_encode(const struct umb__canonical *canonical,
                                                   const struct umb_alloc *alloc, uint8_t **bytes,

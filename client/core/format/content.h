@@ -12,7 +12,7 @@
 #include "umbrage/file.h"
 #include "umbrage/workers.h"
 
-/* One row of an accuracy curve (umbrage/curve.h): sums over the points that the bake queried. */
+/* One row of an accuracy curve (umbrage/curve.h), as sums over the points that the bake queried. */
 struct umb__curve_record {
     uint32_t light;
     uint32_t level, taps; /* Setting of the row; level is 0 or taps is 1 */
@@ -69,8 +69,8 @@ int umb__perspective_derive(const struct umb_frustum_info *frustum,
                             struct umb__perspective *perspective);
 
 /*
- * Computes the length of a content's canonical block from the content's counts and texts. It reads
- * no array.
+ * Computes the length that a content's canonical block will have, from the content's counts and
+ * texts alone.
  */
 UMB_CHECKED enum umb_status umb__content_head_bytes(const struct umb__content *content,
                                                     uint64_t *bytes, struct umb_error *error);

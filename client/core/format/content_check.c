@@ -88,8 +88,8 @@ static bool derive_voxel_step(const struct umb_frustum_info *frustum, double ste
     return is_sound;
 }
 
-/* Checks the side of a rectangle: across its direction, up to the rounding of doubles. Other lights
- * have none. */
+/* Checks the side vector of a light. A rectangle's side is perpendicular to the light's direction,
+ * up to the rounding of doubles; other lights have no side. */
 static enum umb_status check_side(const struct umb_light_info *light, uint32_t i,
                                   struct umb_error *error)
 {

@@ -99,8 +99,8 @@ bool umb__block_seal(const uint8_t *bytes, uint32_t size, uint32_t pages,
                      const struct umb_sha256 *sha256, uint8_t entry[UMB__BLOCK_ENTRY]);
 
 /*
- * Checks all blocks of a whole file. Pages and blocks must follow one another without gap or
- * overlap, from the head to the end of the file.
+ * Checks all blocks of a whole file. Pages and blocks must fill the file from the head to its end,
+ * without gap or overlap.
  *
  * Out:   raw_total: bytes of all pages, uncompressed.
  * Fails: E_CORRUPT, E_VERSION.
@@ -134,7 +134,7 @@ bool umb__directory_identify(const struct umb__head *head, const struct umb_sha2
 /* Number of pages that are hashed together: the lanes of a vector register. */
 #define UMB__DIGESTS 16U
 
-/* Hashes `count` messages of one part each: together by the hasher's `digest_many`, or one by one
+/* Hashes `count` messages, each in one piece: together by the hasher's `digest_many`, or one by one
  * by `digest`. Out: digests: [count]. */
 void umb__digest_many(const struct umb_sha256 *sha256, const uint8_t *const *messages,
                       const size_t *sizes, size_t count, uint8_t (*digests)[UMB_ID_BYTES]);

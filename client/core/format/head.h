@@ -38,7 +38,7 @@ UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* Fills in the claims of a file's first 128 bytes; see umb_file_read_head. */
+/* Fills in what a file's first 128 bytes claim; see umb_file_read_head. */
 UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
                                               struct umb_file_head *facts, struct umb_error *error);
 

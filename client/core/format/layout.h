@@ -97,15 +97,16 @@ enum {
 #define UMB__TAG_COLUMNS UMB__TAG('C', 'O', 'L', 'S')
 #define UMB__TAG_PIECES  UMB__TAG('P', 'I', 'E', 'C')
 
-#define UMB__ENTRY_HEAD      16U
-#define UMB__SCENE_SIZE      104U
-#define UMB__LIGHT_SIZE      136U
-#define UMB__SIDE_SIZE       24U /* One vector a light */
-#define UMB__FRUSTUM_SIZE    144U
-#define UMB__COUNTS_SIZE     152U /* Counts of levels 3..20, then bytes_2014 */
-#define UMB__ROOT_SIZE       16U
-#define UMB__CURVE_SIZE      40U
-#define UMB__CURVE_READS_MAX 1024U /* Nodes or lines of a window: more than 17 texels can touch */
+#define UMB__ENTRY_HEAD   16U
+#define UMB__SCENE_SIZE   104U
+#define UMB__LIGHT_SIZE   136U
+#define UMB__SIDE_SIZE    24U /* One vector a light */
+#define UMB__FRUSTUM_SIZE 144U
+#define UMB__COUNTS_SIZE  152U /* Counts of levels 3..20, then bytes_2014 */
+#define UMB__ROOT_SIZE    16U
+#define UMB__CURVE_SIZE   40U
+/* Limit of a window's nodes and of its cache lines: more than 17 texels can touch */
+#define UMB__CURVE_READS_MAX 1024U
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 

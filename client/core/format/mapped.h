@@ -21,9 +21,10 @@ struct umb__mapped {
 /*
  * Lays an octree out for queries. The layout takes over the octree's bricks, which need no change.
  *
- * Grid sizes: the largest g with n - g odd, at most 6, whose cells take at most an eighth of the
- * bytes of bricks and wide nodes of all levels, divided by the number of frusta; the smallest grid
- * is always allowed. Wide nodes of levels above the cells of every grid are then left out.
+ * Grid sizes: a frustum of 2^n voxels a side gets a grid of 2^g cells a side, where n - g is odd
+ * and g is at most 6. g is the largest such number whose grid fits the budget: an eighth of the
+ * bytes of bricks and wide nodes of all levels, divided by the number of frusta. The smallest grid
+ * is always allowed. Wide nodes of levels above the cells of every grid are left out.
  * Fails: E_NO_MEMORY, E_TOO_LARGE (octree and mapped layout together over max_memory_bytes, or 2^32
  *        words of nodes). The octree then keeps its bricks.
  * Cost:  linear in the octree.
@@ -37,9 +38,9 @@ void umb__mapped_finish(struct umb__mapped *mapped);
 /*
  * Makes the columns of a layout that has grids and nodes (a step of umb__mapped_build).
  *
- * The columns of a frustum are as narrow as their budget allows: a thirty-second of the bytes of
- * grids, nodes and bricks, divided by the number of frusta. Columns as wide as the grid's cells are
- * always allowed.
+ * The columns of a frustum are as narrow as their budget allows. The budget is a thirty-second of
+ * the bytes of grids, nodes and bricks, divided by the number of frusta. Columns as wide as the
+ * grid's cells are always allowed.
  * Out:   mapped: columns, pieces, and the fields of tops and view about them.
  * Fails: E_NO_MEMORY.
  * Cost:  linear in the bytes allowed.

@@ -66,7 +66,8 @@ static enum umb_status no_memory(const struct builder *b)
     return umb_fail(b->error, UMB_E_NO_MEMORY, "expanding: out of memory");
 }
 
-/* Returns the words of an octree node's wide node: one number for each mixed grandchild. */
+/* Returns the length in 8-byte words of the wide node that an octree node becomes. It has one
+ * number for each mixed grandchild. */
 static uint64_t words_of(const struct umb__octree *octree, uint32_t level, uint32_t index)
 {
     const struct umb__octree_level *upper = &octree->level[level];
@@ -78,7 +79,7 @@ static uint64_t words_of(const struct umb__octree *octree, uint32_t level, uint3
     return umb__wide_words(mixed);
 }
 
-/* Returns the bytes of all wide nodes and bricks. The grids may take a share of that. */
+/* Returns the bytes of all wide nodes and bricks. The grids' budget is a share of them. */
 static uint64_t content_bytes(const struct umb__octree *octree)
 {
     uint64_t bytes = (uint64_t)octree->brick_count * 64;

@@ -54,8 +54,8 @@ static void take_run(const struct walk *w, struct umb__column *column, uint32_t 
     column->first = value;
 }
 
-/* Sets the pieces of all columns that cross a cube of one value. In: at: position of the cube, in
- * cubes of its level. Returns false if the walk must stop. */
+/* Sets the pieces that lie in a cube of one value, in all columns that cross the cube. In: at:
+ * position of the cube, in cubes of its level. Returns false if the walk must stop. */
 static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     uint32_t shift = level - w->level, row = w->n - w->level, side = 1U << shift;
@@ -73,8 +73,8 @@ static bool take_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint
     return true;
 }
 
-/* Visits a cell or child and its value. Returns false if the walk must stop. The recursion ends
- * because each child is of a lower level. */
+/* Visits a cell of the grid, or a node's child, by its value. Returns false if the walk must stop.
+ * The recursion ends because each child is of a lower level. */
 static bool walk_cube(struct walk *w, uint32_t level, const uint32_t at[3], uint32_t value)
 {
     if (value < UMB__CELL_FIRST || level == w->level) {
@@ -111,7 +111,7 @@ static bool walk_frustum(struct walk *w)
     return true;
 }
 
-/* Gives measured lists their places. Returns the number of pieces. */
+/* Assigns each measured list its place among the frustum's pieces. Returns the number of pieces. */
 static uint64_t place_lists(struct umb__column *columns, uint64_t count)
 {
     uint64_t pieces = 2;
@@ -134,7 +134,8 @@ struct measured {
     uint32_t level;
 };
 
-/* Measures the lists of columns at w->level. Lists of more than `bytes` give no columns. */
+/* Measures the lists of columns at w->level. If the lists take more than `bytes`, there are no
+ * columns of this level. */
 static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                struct measured *m)
 {
@@ -160,8 +161,8 @@ static enum umb_status measure(struct walk *w, const struct umb_alloc *alloc, ui
     return UMB_OK;
 }
 
-/* Finds the narrowest columns of a frustum that fit into `bytes`; if none fit, columns as wide as
- * the grid's cells. */
+/* Finds the narrowest columns of a frustum that fit into `bytes`. If none fit, the frustum gets
+ * columns as wide as the grid's cells. */
 static enum umb_status choose_level(struct walk *w, const struct umb_alloc *alloc, uint64_t bytes,
                                     struct measured *best)
 {

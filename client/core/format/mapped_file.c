@@ -219,7 +219,8 @@ static bool check_level(const struct umb__view *view, uint64_t *starts, size_t w
     return true;
 }
 
-/* Checks that columns' lists lie within the frustum's pieces, and that all pieces are valid. */
+/* Checks that the lists of all columns lie within the frustum's pieces, and that every piece is
+ * valid. */
 static bool check_columns(const struct umb__view *view, const uint64_t *starts,
                           const struct umb__content *content, uint32_t frustum)
 {

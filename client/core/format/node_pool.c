@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist once a level
- * (hash-consing). The file also turns a pool into an octree. */
+/* Finds and adds bricks and nodes in a pool, one at a time, so that equal ones exist only once in
+ * each level (hash-consing). The file also turns a pool into an octree. */
 #define XXH_INLINE_ALL
 #include "format/node_pool_parts.h"
 
@@ -70,10 +70,11 @@ void umb__pool_clear(struct umb__pool *pool)
 /* --- room ------------------------------------------------------------------------------------- */
 
 /*
- * Room is made within a budget. Loose pools have no table for nodes, and one of fixed size for
- * bricks. A table doubles when it is three quarters full, and an array when it is full. Near the
- * budget, tables fill to seven eighths and arrays grow by an eighth, so that most of the budget can
- * be used. Large arrays always grow by an eighth if the allocator moves pages instead of copying.
+ * A pool grows within a budget of bytes. A loose pool (umb__pool_init_loose) has no table for
+ * nodes, and a table of fixed size for bricks. A table doubles when it is three quarters full, and
+ * an array when it is full. Near the budget, tables fill to seven eighths and arrays grow by an
+ * eighth, so that most of the budget can be used. Large arrays always grow by an eighth if the
+ * allocator moves pages instead of copying.
  */
 #define SLOTS_LOG2_MIN 10U
 #define SLOTS_LOG2_MAX 32U /* As many bits as a tag has */
@@ -113,7 +114,8 @@ static void *resize(const struct umb_alloc *alloc, void *block, size_t old_bytes
     return moved;
 }
 
-/* Grows *array of items from old_count to new_count. During a copy both blocks are charged. */
+/* Grows *array of items from old_count to new_count. During a copy both blocks are charged to the
+ * pool's budget. */
 static enum umb_status grow(struct umb__pool *pool, void *array, size_t item, size_t old_count,
                             size_t new_count, struct umb_error *error)
 {
@@ -161,7 +163,7 @@ static int slots_full(const struct umb__pool *pool, const struct umb__pool_level
 }
 
 /* Replaces a table by one twice as large. Words keep their order, so the new table is filled from
- * end to end. */
+ * its beginning to its end. */
 static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots *slots,
                                   struct umb_error *error)
 {

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_FORMAT_NODE_POOL_H
 #define UMBRAGE_CORE_FORMAT_NODE_POOL_H
 /*
- * The merged octree under construction: equal bricks and equal nodes exist once a level.
+ * The merged octree under construction: equal bricks and equal nodes exist only once in each level.
  *
  *     umb__pool_init(&pool, NULL, max_bytes);
  *     umb__pool_brick(&pool, slices, &ref, &error);            level 3

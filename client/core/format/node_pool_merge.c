@@ -13,8 +13,8 @@
 #include "base/memory.h"
 #include "format/node_pool_parts.h"
 
-/* The steps are one source for bricks and for nodes. They are inlined with a constant `bricks`, so
- * that no step tests it for each item. */
+/* Bricks and nodes share the source of the steps below. The steps are inlined with a constant
+ * argument `bricks`, so that they do not test it for each item. */
 #define STEP static inline __attribute__((always_inline))
 
 /* Returns the number in a slot; 0 for an empty slot, which is harmless to prefetch. */
@@ -133,8 +133,8 @@ STEP void read_group(const struct umb__pool *from, uint32_t level, bool bricks, 
     }
 }
 
-/* Merges the bricks or the nodes of a level. In: numbers: its `below` holds the references of the
- * level below. */
+/* Merges the bricks or the nodes of a level. In: numbers: its member `below` has the new references
+ * of the level below. */
 STEP enum umb_status merge_level(struct umb__pool *pool, const struct umb__pool *from,
                                  uint32_t level, bool bricks, struct umb__pool_numbers *numbers,
                                  struct umb_error *error)

@@ -6,8 +6,8 @@
  *
  * A tag is a hash of 32 bits. The high bits of the tag give the place in a table of any size. A
  * slot is one 64-bit word: the tag in the high half, the number plus one in the low half. So a
- * table can grow from its words alone, and the low bits of the tag (7 of 32 in a table of 2^25
- * slots) tell most different words of one place apart. Probing is linear, up to an empty slot.
+ * table can grow from its words alone. The low bits of the tag (7 of 32 in a table of 2^25 slots)
+ * tell most keys apart that belong in the same slot. Probing is linear, up to an empty slot.
  *
  * Tags are keyed with secrets of the process. Otherwise a hostile file could hold bricks that all
  * have one tag, and each would be compared with all bricks before it. The hash of a node is a sum
@@ -21,8 +21,8 @@
 
 #define UMB__SLOT_EMPTY UINT64_C(0) /* Zero, as fresh pages are */
 
-/* Returns the first slot of a tag's probe sequence. In: slots: log2_size is 0 while there are
- * none. */
+/* Returns the first slot of a tag's probe sequence. In: slots: a table; its log2_size is 0 while it
+ * has no slots. */
 static inline size_t umb__slot_place(const struct umb__hash_slots *slots, uint32_t tag)
 {
     return (size_t)(((uint64_t)tag << slots->log2_size) >> 32);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Codes squares of texels as planes, and joins squares to the tree.
+ * Codes squares of texels as planes, and joins squares to the tree. Only texels with end > lit are
+ * coded; the DAG answers for the others.
  *
  * A plane meets a texel if the plane's height there, rounded down, is the texel's `lit`. A square
  * that no single plane meets gets several planes. Each plane starts from a block of 8x8 texels that
@@ -91,7 +92,8 @@ static struct plane least_squares(const struct texels *t)
     return plane;
 }
 
-/* Computes c and the spread of a plane. Out: high, low: the texels of the greatest and least e. */
+/* Computes c and the spread of a plane whose slopes are given. Out: high, low: the texels of the
+ * greatest and least e = lit * one - a x - b y. */
 static void measure(const struct texels *t, struct plane *plane, uint32_t *high, uint32_t *low)
 {
     int64_t most = INT64_MIN, least = INT64_MAX;
@@ -115,8 +117,8 @@ static int64_t clamped(int64_t slope, int64_t most)
     return slope > most ? most : slope < -most ? -most : slope;
 }
 
-/* Turns a plane that nearly meets the set until it meets the set, or until a few turns are done.
- * The result is then the best plane found. */
+/* Changes the slopes of a plane that nearly meets the set until it does, at most a few times. The
+ * result is then the best plane found. */
 static void turn_plane(const struct texels *texels, struct plane *plane)
 {
     uint32_t high = 0, low = 0;
@@ -168,7 +170,8 @@ struct work {
                         on */
 };
 
-/* Adds to a set those texels of a block that a mask selects, with their positions in the square. */
+/* Adds to a set of texels those of a block that a mask selects, with their positions in the
+ * square. */
 static void add_block(const struct work *w, uint32_t block, uint64_t mask, struct texels *to)
 {
     for (uint64_t left = mask; left; left &= left - 1) {
@@ -177,7 +180,7 @@ static void add_block(const struct work *w, uint32_t block, uint64_t mask, struc
     }
 }
 
-/* Returns the texels of a block whose value a plane gives. */
+/* Returns a mask of the texels of a block that a plane meets. */
 static uint64_t met_by(const struct work *w, uint32_t block, const struct plane *plane)
 {
     uint64_t met = 0;
@@ -189,8 +192,9 @@ static uint64_t met_by(const struct work *w, uint32_t block, const struct plane 
     return met;
 }
 
-/* Turns a plane so that it also meets the coded texels of one more block, if that is possible. The
- * plane still meets all texels of w->set, and the block is added to w->set. */
+/* Changes a plane's slopes so that it also meets the coded texels (end > lit) of one more block, if
+ * that is possible. The plane still meets all texels of w->set, and the block is added to
+ * w->set. */
 static void take_in(struct work *w, uint32_t block, struct plane *plane)
 {
     if ((met_by(w, block, plane) & w->coded[block]) == w->coded[block]) {
@@ -218,7 +222,8 @@ static void take_in(struct work *w, uint32_t block, struct plane *plane)
     }
 }
 
-/* Starts a plane at a block and turns it to meet as many other open blocks as possible. */
+/* Starts a plane at a block and turns it to meet as many other blocks as possible that no plane
+ * meets yet. */
 static void grow_plane(struct work *w, uint32_t first, uint64_t open)
 {
     w->set.count = 0;
@@ -235,7 +240,8 @@ static void grow_plane(struct work *w, uint32_t first, uint64_t open)
     w->planes[w->plane_count++] = plane;
 }
 
-/* Finds the square's planes. Returns the blocks whose coded texels no single plane meets. */
+/* Finds the square's planes. Returns a mask of the blocks whose coded texels (end > lit) no single
+ * plane meets. */
 static uint64_t find_planes(struct work *w)
 {
     uint64_t open = 0, tried = 0;
@@ -380,7 +386,7 @@ static uint32_t *put_planes(struct work *w)
     return next;
 }
 
-/* Writes a square; returns its words, 0 if no texel in it is undefined. */
+/* Writes a square. Returns the number of words; 0 if no texel has undefined voxels. */
 static size_t put_square(struct work *w)
 {
     uint64_t any = 0;
@@ -454,7 +460,7 @@ static enum umb_status too_large(size_t max_words, struct umb_error *error)
         max_words >> 8);
 }
 
-/* Records a square whose words stand behind the others. */
+/* Records the place of a square whose words were appended to those of the other squares. */
 static enum umb_status note_square(struct umb__occluder_depth *occluder_depth, uint32_t x,
                                    uint32_t y, size_t count, struct umb_error *error)
 {

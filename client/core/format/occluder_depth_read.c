@@ -25,7 +25,7 @@ static bool in_range(const struct checker *c, int64_t value)
     return value >= 0 && value <= (int64_t)1 << c->log2_size;
 }
 
-/* Returns false for a plane whose c is so large that sums could overflow. */
+/* Returns false for a plane whose constant term is so large that sums could overflow. */
 static bool plane_is_sane(const uint32_t *plane)
 {
     const int32_t high = (int32_t)plane[1];
@@ -49,7 +49,8 @@ static uint32_t block_words(uint32_t kind, uint32_t planes)
     if (width <= UMB__OCCLUDER_DEPTH_WIDTH_MAX) {
         return (kind >= UMB__OCCLUDER_DEPTH_MASKED ? 5 : 3) + 2 * width;
     }
-    /* Checks a choice of planes: its numbers must be wide enough to name every plane. */
+    /* Checks the record of a block that chooses a plane for each texel: the numbers of planes must
+     * have enough bits for every plane. */
     return kind > UMB__OCCLUDER_DEPTH_CHOICE && kind <= UMB__OCCLUDER_DEPTH_CHOICE + 4 &&
                    planes >> (kind - UMB__OCCLUDER_DEPTH_CHOICE) == 0
                ? 2 * (kind - UMB__OCCLUDER_DEPTH_CHOICE)
@@ -83,7 +84,8 @@ static bool block_fits(struct checker *c, uint32_t reference, const uint32_t *sq
     return true;
 }
 
-/* Checks a square of planes: each block is answered at most once. */
+/* Checks a square of several planes. Each block may be answered at most once: by a plane, or by a
+ * record of its own. */
 static bool planes_fit(struct checker *c)
 {
     const uint32_t *square = take(c, 1);

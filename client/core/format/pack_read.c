@@ -41,8 +41,8 @@ struct reader {
     struct umb__page *pages; /* [page count] Parsed pages, which point into raw */
     page_numbers *first; /* [page count] Index in `numbers` of a page's first node of each level */
     uint32_t *numbers[UMB_LEVEL_MAX + 1]; /* Pool numbers of the nodes of all pages */
-    uint32_t *others; /* Pool numbers of the nodes in other pages to which a level of a page
-                         refers */
+    uint32_t *others; /* Numbers in the pool of the nodes in other pages to which one level of a
+                         page refers */
     uint64_t *leaves; /* Leaves of a page; `others` and `leaves` have room for any page */
     struct umb__pool pool;
 };
@@ -68,7 +68,8 @@ static enum umb_status expand(ZSTD_DCtx *zstd, const uint8_t *file, const struct
     return umb__page_expand(zstd, stored, entry, raw, error);
 }
 
-/* Makes the first pass. Out: totals: number of nodes of each level in all parsed pages. */
+/* Makes the first pass: expands and parses all pages. Out: totals: number of nodes of each level in
+ * all pages. */
 static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_total,
                                    uint64_t totals[UMB_LEVEL_MAX + 1])
 {
@@ -126,8 +127,8 @@ static bool allocate_tables(struct reader *r)
     return r->others && r->leaves;
 }
 
-/* Checks the counts, and allocates numbers and tables. In: totals: nodes of all pages, copies
- * included. No count may exceed its total. */
+/* Checks the canonical block's counts of nodes, and allocates numbers and tables. In: totals: nodes
+ * of each level in all pages, copies included; no count may exceed the total of its level. */
 static enum umb_status allocate_numbers(struct reader *r, const struct umb__canonical *canonical,
                                         const uint64_t *totals)
 {
@@ -158,7 +159,7 @@ static enum umb_status resolve(const struct reader *r, uint32_t level, uint32_t 
     return UMB_OK;
 }
 
-/* Finds the numbers of the nodes in other pages that a level of a page leads to. */
+/* Finds the pool's numbers of the nodes in other pages to which one level of a page refers. */
 static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
 {
     const struct umb__page *page = &r->pages[p];
@@ -298,8 +299,8 @@ static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, ui
     return bytes + root_count * (sizeof(struct umb__octree_root) + 2 * (uint64_t)sizeof(uint32_t));
 }
 
-/* Returns the most bytes that the counted nodes can take, if each has eight children. No sum
- * overflows, since each count is below 2^32. */
+/* Returns the bytes that the counted nodes take if each has eight children, the most possible. No
+ * sum overflows, since each count is below 2^32. */
 static uint64_t node_bytes(const struct umb__canonical *canonical)
 {
     uint64_t bytes = canonical->counts[UMB_LEVEL_BRICK] * BRICK_BYTES;

@@ -55,8 +55,8 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
     return UMB_OK;
 }
 
-/* Finds the masks of a level and counts their mixed children. Out: written: number of children
- * whose references are written. Returns false if a mask is cut off. */
+/* Finds the masks of a level in a page and counts the mixed children. Out: written: number of
+ * children whose references the page holds. Returns false if a mask is cut off. */
 static bool parse_masks(const uint8_t **at, const uint8_t *end, uint32_t level,
                         struct umb__page *page, uint64_t *written)
 {

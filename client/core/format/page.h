@@ -141,7 +141,8 @@ static inline struct umb__page_nodes umb__page_nodes(const struct umb__page *pag
                                     .own = page->node_count[level - 1]};
 }
 
-/* Returns the lower bit of each child that is the next node. In: mask: as stored in a page. */
+/* Returns which children in a mask are "the next node" (see the file's first comment): for each of
+ * them the lower of the child's two bits. In: mask: as stored in a page. */
 static inline unsigned umb__page_mask_next(unsigned mask)
 {
     return mask & mask >> 1 & 0x5555U;

@@ -32,7 +32,8 @@ struct recent {
     uint32_t drops[UMB__TRANSMITTANCE_RECENT]; /* Last drop by index modulo 8; 0: none yet */
 };
 
-/* Reads the drop of a step. Returns 0 if the drop is cut off or longer than necessary. */
+/* Reads the drop of light at a step of a list. Returns 0 if the drop is cut off or longer than
+ * necessary. */
 static uint32_t take_drop(struct walk *w, bool same, uint32_t *recent)
 {
     uint32_t less = 0;
@@ -169,7 +170,7 @@ enum umb_status umb__transmittance_load(const uint8_t *bytes, uint64_t length,
     struct umb__trans counts = {0};
     memset(trans, 0, sizeof *trans);
     UMB__TRY(walk_entry(bytes, length, frusta, frustum_count, &counts, error));
-    /* One item more in each array, since an entry may have none. */
+    /* Each array has one item more than needed, so that none has length 0 */
     trans->maps = umb__alloc(alloc, (size_t)frustum_count + 1, sizeof *trans->maps);
     trans->squares = umb__alloc(alloc, (size_t)counts.square_count + 1, sizeof *trans->squares);
     trans->blocks = umb__alloc(alloc, (size_t)counts.block_count + 1, sizeof *trans->blocks);
@@ -224,14 +225,14 @@ static uint32_t most(uint32_t a, uint32_t b)
     return a > b ? a : b;
 }
 
-/* Counts the voxels of v0..v1 that lie in a texel of 2^shift voxels. */
+/* Returns how many of the voxels v0..v1 on an axis lie in a texel, which is 2^shift voxels wide. */
 static uint32_t overlap(uint32_t v0, uint32_t v1, uint32_t texel, uint32_t shift)
 {
     const uint32_t first = texel << shift, last = first + (((uint32_t)1 << shift) - 1);
     return least(v1, last) - most(v0, first) + 1;
 }
 
-/* Returns a bit for each of the texels t0..t1 that lie in block `block` of eight texels. */
+/* Returns a mask of those texels among t0..t1 that lie in block `block` of eight texels. */
 static uint32_t bits_in_block(uint32_t t0, uint32_t t1, uint32_t block)
 {
     const uint32_t first = most(t0, 8 * block) & 7, last = least(t1, 8 * block + 7) & 7;

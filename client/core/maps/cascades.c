@@ -173,14 +173,15 @@ static void slice_fit(struct umb_map_frustum *frustum, const struct fitting *fit
 {
     for (int axis = 0; axis < 2; axis++) {
         const double texels = axis == 0 ? (double)frustum->width : (double)frustum->height;
-        /* The low end is rounded down to a whole number of texels, which takes one more texel. */
+        /* The slice's low end is rounded down to whole texels, which takes one more texel. */
         const double texel_m = 2.0 * fit->radius / (texels - 3.0);
         const double low = floor((fit->centre[axis] - fit->radius) / texel_m) * texel_m;
         axis_fit(frustum, fit, axis, (struct extent){low, low + (texels - 2.0) * texel_m});
     }
 }
 
-/* Returns the intersection of slice and scene along an axis; if it is empty, the slice's extent. */
+/* Computes the part of the slice's extent along an axis that meets the scene; if no part does, the
+ * slice's whole extent. */
 static struct extent shared(const struct fitting *fit, int axis)
 {
     struct extent e = {fmax(fit->slice[axis].low, fit->scene[axis].low),
@@ -431,7 +432,8 @@ enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct u
     seam->contrast = 1.0;
     enum umb_status status = seam_difference(seam, 1.0, points, scratch, &seam->difference, error);
     seam->after = seam->difference;
-    /* Each step but the first tries one place; the other is one of the step before. */
+    /* A step compares two places. Each step but the first computes one of them; the other is from
+     * the step before. */
     for (int step = 0, k = 1; step < 22 && status == UMB_OK; step++) {
         status = seam_difference(seam, exp2(at[k]), points, scratch, &value[k], error);
         if (status == UMB_OK && value[k] < seam->after) {

@@ -74,8 +74,8 @@ enum umb_status umb__lists_write(const struct umb_map_fragments *in, size_t texe
 }
 
 /*
- * Writes the list of one texel of a deep map. Transmittance is a product of n factors in doubles,
- * off by n 2^-53, which is rounded to 2^-30 once a node. Fragments that absorb nothing are left
+ * Writes the list of one texel of a deep map. The transmittance at a node is a product of n factors
+ * in doubles, off by n 2^-53, and is rounded once, to 2^-30. Fragments that absorb nothing are left
  * out. The list ends at the first node that leaves no light, or less than epsilon.
  */
 static size_t list_write(void *user, const struct umb_map_fragment *sorted, size_t count,
@@ -123,7 +123,8 @@ static struct umb__deep_linked *linked_at(const struct umb__deep *deep, uint64_t
     return (struct umb__deep_linked *)(void *)(deep->nodes + i * deep->stride);
 }
 
-/* Links each node of list `from` to the nearest node of list `to`. Both lists are sorted. */
+/* Links each node of list `from` to the node of list `to` that is nearest in depth. Both lists are
+ * sorted. */
 static void list_link(const struct umb__deep *deep, size_t from, size_t to, int upper)
 {
     const uint32_t count = (uint32_t)(deep->first[to + 1] - deep->first[to]);
@@ -187,7 +188,8 @@ static enum umb_map_deep_way choose_way(const struct umb__deep *deep)
                : UMB_MAP_DEEP_LINKS;
 }
 
-/* Replaces each node's transmittance by its drop, from the end of each list to the start. */
+/* Replaces the transmittance of each node by the node's drop, from the end of each list to its
+ * start. */
 static void stream_make(struct umb__deep *deep)
 {
     struct umb__deep_node *nodes = (struct umb__deep_node *)(void *)deep->nodes;
@@ -328,7 +330,7 @@ struct place {
     uint32_t nearer;
 };
 
-/* In: stride: deep->stride, constant where it is inlined. */
+/* In: stride: deep->stride, a constant where the function is inlined. */
 static inline struct umb__deep_list list_at(const struct umb__deep *deep, size_t stride, int64_t x,
                                             int64_t y)
 {
@@ -344,8 +346,8 @@ static inline uint32_t place_left(const struct place *place)
     return place->nearer > 0 ? umb__deep_at(&place->list, place->nearer - 1)->left : UMB__DEEP_ONE;
 }
 
-/* Returns the same with an exponent: the light falls to that value exponentially with the depth
- * behind the node. */
+/* Returns the transmittance at a position of a map with an exponent. Behind a node the light falls
+ * exponentially with depth, from its value before the node to the node's own. */
 static double place_faded(const struct umb__deep *deep, const struct place *place, double depth)
 {
     const double left = (double)place_left(place);
@@ -371,7 +373,8 @@ static inline uint32_t place_link(const struct place *place, int upper)
     return upper ? node->upper : node->right;
 }
 
-/* Moves a position to a neighbouring texel's list, by the link of its node or by a search. */
+/* Moves a position to a neighbouring texel's list: by the link of the position's node, or by a
+ * search. */
 static inline void place_move(int links, const struct place *from, int upper,
                               struct umb__deep_list list, float near, struct place *to)
 {
@@ -426,7 +429,8 @@ static double window_sum(const struct umb__deep *deep, const struct window *w, d
                  : rows_sum(deep, w, depth, 0, sizeof(struct umb__deep_node), 0);
 }
 
-/* Returns the bits of float_from. Floats from 0 on are ordered as their bits are. */
+/* Returns the bits of float_from(depth); 0 if depth is not above 0. Floats from 0 on have the order
+ * of their bits. */
 static uint32_t bits_from(double depth)
 {
     uint32_t bits = 0;
@@ -454,7 +458,7 @@ static uint64_t drops_before(const struct umb__deep_node *nodes, uint64_t i, uin
     uint64_t lost = 0;
 #ifdef __SSE2__
     /* Two nodes a register, four at once: d0 l0 d1 l1. Bits of depths are below 2^31, so that the
-     * signed comparison is right; a depth's verdict is copied to the drop behind it. */
+     * signed comparison is right; the result for a depth is copied to the lane of its drop. */
     const __m128i limits = _mm_set1_epi32((int)limit);
     __m128i sums[2] = {_mm_setzero_si128(), _mm_setzero_si128()};
     for (; i + 4 <= end; i += 4) {

@@ -19,7 +19,8 @@
 #define EXPONENT_EVSM     40.0
 #define EXPONENT_NEGATIVE 5.0
 
-/* Bytes a texel: a float of the layer, and two planes of doubles while channels are built. */
+/* Bytes of memory for each texel: a float of the layer, and two planes of doubles while channels
+ * are built. */
 #define TEXEL_BYTES (sizeof(float) + 2 * sizeof(double))
 /* Bytes a texel of a row: those of struct row. */
 #define ROW_BYTES (4 * sizeof(double) + sizeof(struct umb_column_answer))

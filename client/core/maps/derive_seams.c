@@ -20,8 +20,8 @@ size_t umb__derive_seam_bytes(const struct umb_derive_settings *settings)
     return settings->match_contrast ? sizeof(struct seam_room) : 0;
 }
 
-/* The part of a view's cross-section along one of its axes that can lie in a box: the section
- * reaches from -half to half, the box no farther than its corners. */
+/* Computes the range of coordinates along one axis of a view in which the view's cross-section can
+ * meet a box. The section reaches from -half to half, and the box reaches as far as its corners. */
 static void section_clip(const struct umb__map_view *view, const double axis[3], double half,
                          const struct umb_box *box, double range[2])
 {

@@ -373,7 +373,8 @@ static double filterable_answer(const struct umb__map_query *q, struct umb__rece
         }
         level += log2(box / q->filter.width);
     }
-    /* A filterable technique has one depth for the receiver, which the biases move. */
+    /* A filterable technique compares with a single depth of the receiver, so all biases are
+     * applied to that depth. */
     const double width = q->filter.light_size > 0.0 ? 1.0 : q->filter.width;
     receiver->depth = fmin(umb__biased_depth(q, receiver, width), 1.0);
     if (!(receiver->depth > 0.0)) {

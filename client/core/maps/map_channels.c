@@ -25,9 +25,10 @@ double umb__channel_mean(double exponent, const double *values, const double *we
     for (size_t i = 0; i < count; i++) {
         most = weights[i] > 0.0 && values[i] > most ? values[i] : most;
     }
-    /* Computes the mean of logarithms without overflow: every term is at most 1, and the greatest
-     * term is its full weight, so the argument of log is large enough. A value without weight does
-     * not count in `most`: all others might be subnormal beside it. */
+    /* Computes the mean of logarithms without overflow. `most` is the greatest value: no
+     * exponential is above 1, and the greatest value adds its full weight, so the argument of log
+     * is not tiny. A value of weight 0 does not count in `most`, because the exponentials of all
+     * others might be subnormal beside it. */
     for (size_t i = 0; i < count; i++) {
         sum += weights[i] > 0.0 ? weights[i] * exp(exponent * (values[i] - most)) : 0.0;
     }
@@ -104,7 +105,7 @@ static double slope_along(const struct umb_map_layer *layer, const struct umb__c
     return isfinite(least) ? least : 0.0;
 }
 
-/* Computes channel k of texel i: the mean over the texel's samples. */
+/* Computes channel k of texel i, as the mean over the texel's samples. */
 static double depth_encode(const struct umb_map *map, const struct umb__channels *channels,
                            const struct umb_map_layer *layer, size_t i, uint32_t k)
 {
@@ -315,8 +316,8 @@ void umb__channels_finish(struct umb__channels *channels, const struct umb_map *
     memset(channels, 0, sizeof *channels);
 }
 
-/* Splits a coordinate whose whole numbers are texel centres, clamped to 0..end-1. Returns the
- * texel.
+/* Finds the two texels between whose centres a coordinate lies; whole numbers are texel centres.
+ * The coordinate is clamped to 0..end-1. Returns the first texel.
  * Out: share: weight of the next texel. next: index of the next texel. */
 static size_t split(double at, size_t end, double *share, size_t *next)
 {
@@ -368,7 +369,8 @@ static void trilinear(const struct umb__channels *channels, double x, double y, 
     }
 }
 
-/* One axis of a box: the table rows next to its two ends, and the weight of each row. */
+/* The rows of a summed-area table next to the two ends of a box on one axis, and the weight of each
+ * row. */
 struct side {
     size_t low[2], high[2];
     double low_weight[2], high_weight[2];
@@ -404,8 +406,8 @@ static double box_sum(const struct umb__channels *channels, const size_t x[2], c
     return (double)(int64_t)sum;
 }
 
-/* Averages a box with real borders: the weighted mean of the 16 boxes whose borders are the nearest
- * texel borders. */
+/* Averages a box whose borders lie inside texels: the weighted mean of the 16 boxes with borders at
+ * the nearest texel borders. */
 static void summed(const struct umb__channels *channels, double x, double y, double width,
                    double *out)
 {

@@ -33,8 +33,8 @@ double umb_map_exponent_limit(enum umb_map_format format, int moments)
     if ((format != UMB_MAP_F32 && format != UMB_MAP_F16) || (moments != 1 && moments != 2)) {
         return 0.0;
     }
-    /* The greatest channel is exp(moments c), since depth is at most 1. Its logarithm stays 0.1
-     * below that of the format's greatest number, as room for rounding and filter weights. */
+    /* The greatest channel value is exp(moments * c), since depth is at most 1. Its logarithm stays
+     * 0.1 below that of the format's greatest number, as room for rounding and filter weights. */
     const double most = format == UMB_MAP_F32 ? 3.402823e38 : UMB__HALF_MAX;
     return (log(most) - 0.1) / (double)moments;
 }
@@ -104,7 +104,7 @@ static double esm_answer(const struct umb__map_query *query, const struct umb__r
 static double esm_slack(const struct umb_map *map)
 {
     const struct umb_map_settings *settings = &map->settings;
-    /* Linear: the format's relative error is twice its absolute error below 1. */
+    /* In linear space: the format's relative error is twice its absolute error below 1. */
     return settings->linear ? 2.0 * umb__format_error(settings->format)
                             : expm1(settings->exponent * umb__format_error(settings->format));
 }
@@ -162,8 +162,8 @@ static double variance_error(const struct umb_map_settings *settings, double c)
                             : expm1(4.0 * c * umb__format_error(settings->format));
 }
 
-/* Returns the bound by one warp. In: at: the warp's two channels. along: the receiver's d, or -d
- * for warp 1. */
+/* Returns the bound on visibility that one warp gives. In: at: the warp's two channels. along: the
+ * receiver's depth d in -1..1; for warp 1, -d. */
 static double warp_bound(const struct umb__map_query *query, uint32_t warp, const double *at,
                          double along)
 {

@@ -75,7 +75,7 @@ static void moments_of(const double *at, double bias, double b[4])
     }
 }
 
-/* Solves B c = (1, t, t^2) by B = L D L^T. The pivots in D are at least `least`. */
+/* Solves B c = (1, t, t^2) with the factors B = L D L^T. The pivots in D are at least `least`. */
 static void hankel_solve(const double b[4], double t, double least, double c[3])
 {
     const double d22 = fmax(b[1] - b[0] * b[0], least);

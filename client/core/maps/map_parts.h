@@ -83,24 +83,27 @@ struct umb__technique {
     int filterable;
     const char *plain; /* Name in messages of channels of -1..1, which are stored as F32 or U16;
                           NULL: `check` tests the format */
-    /* Checks settings (format and access are known enums); NULL: nothing is left to check. */
+    /* Checks the settings of a map; format and access are known values already. NULL: nothing is
+     * left to check. */
     enum umb_status (*check)(const struct umb_map_settings *settings, struct umb_error *error);
-    /* Filterable: number of channels of a texel, and number added for each of settings.terms */
+    /* For filterable techniques: number of channels of a texel, and number added for each of
+     * settings.terms */
     uint32_t channel_count, channels_a_term;
     /* Returns the number of channels; NULL: the two numbers above give it. Out: exponents of the
      * channels that are stored as logarithms; all are 0 before the call. */
     uint32_t (*channels)(const struct umb_map_settings *settings, double *exponent);
-    /* Filterable: computes channel k of a depth (-1..1). In: gain: depth that the surface gains a
-     * texel in x and in y. */
+    /* For filterable techniques: computes channel k of a depth (-1..1). In: gain: change of the
+     * surface's depth from one texel to the next in x and in y. */
     double (*encode)(const struct umb_map_settings *settings, uint32_t k, double depth,
                      const double gain[2]);
-    /* Filterable, translucent casters: these two replace encode. `weigh` turns fragments, sorted by
-     * depth, into places of absorption, and returns their number, at most `count`. `encode_taken`
-     * computes channel k of such a list; an empty list absorbs nothing. */
+    /* For filterable techniques of translucent casters, these two functions replace encode. `weigh`
+     * turns fragments, sorted by depth, into places of absorption, and returns their number, at
+     * most `count`. `encode_taken` computes channel k of such a list; an empty list absorbs
+     * nothing. */
     size_t (*weigh)(const struct umb_map_fragment *sorted, size_t count, struct umb__taken *taken);
     double (*encode_taken)(uint32_t k, const struct umb__taken *taken, size_t count);
-    /* Returns the visibility, 0..1, before `reduction`. In: at: the averaged channels of a
-     * filterable map. */
+    /* Returns the visibility, 0..1; the setting `reduction` is applied to it later. In: at: the
+     * averaged channels of a filterable map. */
     double (*answer)(const struct umb__map_query *query, const struct umb__receiver *receiver,
                      const double *at);
     /* Returns the stated error of an answer by storage and arithmetic; NULL: 0. */
@@ -182,7 +185,8 @@ static inline size_t umb__layer_samples(const struct umb_map_layer *layer)
     return layer->samples > 0 ? (size_t)layer->samples : 1;
 }
 
-/* Stores a layer of depths, of several samples the nearest (map_pcf.c). Fails: E_NO_MEMORY. */
+/* Stores a layer of depths (map_pcf.c). Of several samples in a texel the nearest is stored. Fails:
+ * E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umb__depths_init(struct umb__depths *depths, const struct umb_map *map,
                                              enum umb_map_format format,
                                              const struct umb_map_layer *layer,

@@ -165,7 +165,7 @@ static double poisson_answer(const struct umb__map_query *query,
     return (double)lit / (double)query->filter.samples;
 }
 
-/* An interval of real width, and the texels [first, last] that it touches. */
+/* An interval on one axis with real ends, and the texels [first, last] that it touches. */
 struct span {
     double low, high;
     int64_t first, last;
@@ -207,8 +207,8 @@ double umb__penumbra_texels(const struct umb__map_query *query,
 
 /*
  * Returns the depth up to which a texel of a penumbra lights the receiver. Where the receiver's
- * plane rises towards the light, it is the plane's depth at the texel. Elsewhere it is the
- * receiver's own depth, since space behind the receiver cannot block its light.
+ * plane rises towards the light, the limit is the plane's depth at the texel. Elsewhere the limit
+ * is the receiver's own depth, since space behind the receiver cannot block its light.
  */
 static double plane_depth(const struct umb__map_query *query, const struct umb__receiver *receiver,
                           int64_t x, int64_t y)
@@ -274,8 +274,8 @@ static double penumbra_answer(const struct umb__map_query *query,
     return lit / (width * width);
 }
 
-/* A box of real width around the receiver: the area of the lit texels in it. Texels reach half a
- * texel beyond the box, which the bias takes into account. */
+/* Computes the area of the lit texels in a box of real width around the receiver. Texels reach half
+ * a texel beyond the box, which the bias takes into account. */
 static double bilinear_answer(const struct umb__map_query *query,
                               const struct umb__receiver *receiver)
 {

@@ -137,8 +137,8 @@ static void plane_gain(const struct umb__map_point *point, const double normal[3
     gain[1] = umb__dot(point->gradient[2], v) / steep;
 }
 
-/* Returns the distance in metres along the normal that frees half of a filter of `width` texels
- * from self-shadowing. */
+/* Returns the length in metres of a move along the normal, after which half of a filter of `width`
+ * texels causes no self-shadowing. */
 static double normal_shift(const struct umb__map_point *point, const double normal[3], double width)
 {
     double sum = 0.0;

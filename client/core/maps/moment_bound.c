@@ -6,11 +6,11 @@
 #include <string.h>
 
 #define DEGREE_MAX (UMB__MOMENTS_MAX / 2)
-/* Largest distance of a root from 0; farther roots are moved to it. The mass of a place z is at
- * most the squared norm of the last polynomial divided by (z - 1)^2K. At these distances that is
- * below 2e-13 for K = 2, and below 4e-11 for larger K: negligible. */
+/* Largest distance of a root from 0; a root farther away is moved to this distance. The mass of a
+ * place z is at most the squared norm of the last polynomial divided by (z - 1)^2K. At this
+ * distance the mass is below 2e-13 for K = 2, and below 4e-11 for larger K: negligible. */
 #define FAR   1024.0 /* For quadratic polynomials */
-#define REACH 32.0   /* For the others: a shorter search for their roots */
+#define REACH 32.0   /* Limit for larger K: it shortens the search for their roots */
 
 /* Monic orthogonal polynomials: p0 = 1, p(k+1) = (z - centre[k]) pk - pull[k] p(k-1). */
 struct polynomials {
@@ -67,7 +67,7 @@ static void values_at(const struct polynomials *p, double z, double *values)
     }
 }
 
-/* Returns the mass of the extremal distribution at a place z. */
+/* Returns the mass at a place z of the distribution that attains the bounds (moment_bound.h). */
 static double mass_at(const struct polynomials *p, double z)
 {
     double values[DEGREE_MAX + 1], sum = 0.0;
@@ -78,7 +78,7 @@ static double mass_at(const struct polynomials *p, double z)
     return 1.0 / sum;
 }
 
-/* Computes the coefficients c[0..K] of the polynomial in z that the kernel of t is, times the
+/* Computes the coefficients c[0..K] of the kernel of t as a polynomial in z, multiplied by the
  * squared norm of pK. */
 static void kernel_make(const struct polynomials *p, double t, double *c)
 {

@@ -6,9 +6,10 @@
  * its moments: the Chebyshev-Markov-Stieltjes bounds, which are the best that moments allow.
  *
  * The moments are the means of Chebyshev's polynomials T1..T2K. Among all distributions with these
- * means, one has its mass at t and at K other places only. It has the least share before t, and the
- * most at t. Let p0..pK be the polynomials that are orthonormal under these means. The K places are
- * the roots in z of the kernel p0(t) p0(z) + ... + pK(t) pK(z), and the mass at a place z is
+ * means, there is one that has mass only at t and at K other places. This distribution has the
+ * least share before t, and the most at t. Let p0..pK be the polynomials that are orthonormal under
+ * these means. The K places are the roots in z of the kernel p0(t) p0(z) + ... + pK(t) pK(z), and
+ * the mass at a place z is
  * 1 / (p0(z)^2 + ... + pK(z)^2).
  *
  * The modified Chebyshev algorithm computes the polynomials from the means. It starts at

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opening, and the pages: proven one by one within a budget of memory; see partial.h. */
+/* Opens partial assets, and adds pages: each page is verified by its hash and kept within a budget
+ * of memory; see partial.h. */
 #include "umbrage/partial.h"
 
 #include <string.h>
@@ -14,7 +15,8 @@
 
 #define DEFAULT_MAX_MEMORY ((uint64_t)1 << 30)
 
-/* Bytes reserved for links: of a new page, and of pages that it is the first to refer to. */
+/* Bytes kept free for links when a page is added: for the page's own links, and for those of
+ * missing pages to which it is the first to refer. */
 #define ROOM_FOR_LINKS 4096U
 
 /* --- memory budget ---------------------------------------------------------------------------- */
@@ -49,7 +51,8 @@ static void *resize(void *user, void *block, size_t bytes)
     return made + PREFIX;
 }
 
-/* Starts a meter, and makes an allocator that goes through it. In: meter: its address must stay. */
+/* Starts a meter of allocated bytes, and makes an allocator that counts with it. In: meter: must
+ * stay at its address. */
 static void meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
                        struct umb_alloc *alloc)
 {
@@ -59,8 +62,8 @@ static void meter_init(struct umb__meter *meter, const struct umb_alloc *inner, 
 
 /* --- the page of least benefit ---------------------------------------------------------------- */
 
-/* The page is found without a scan, by a heap. The heap is rebuilt when benefits have changed.
- * Entries of dropped pages stay in it until they reach the top. */
+/* The page of least benefit is found by a heap, without a scan. The heap is rebuilt when benefits
+ * have changed. Entries of dropped pages stay in it until they reach the top. */
 
 /* Returns true if page a is dropped before page b: a has less benefit, or the same benefit and a
  * later place in the file. */
@@ -147,7 +150,7 @@ static struct umb__links *links_of(struct umb_partial *p, uint32_t page)
     return held->links;
 }
 
-/* Records that a page must hold the node of a level at a position. False: out of memory. */
+/* Records that a page must have the node at a given position of a level. False: out of memory. */
 static bool note_link(struct umb_partial *p, uint32_t level, uint32_t page, uint32_t position)
 {
     struct umb__links *links = links_of(p, page);
@@ -291,8 +294,8 @@ void umb_partial_close(struct umb_partial *p)
 
 /* --- pages ------------------------------------------------------------------------------------ */
 
-/* Checks a link of a page's node of `level`: the page at the other end may have a node of the level
- * below at this position. */
+/* Checks that a link from a node of `level` can be right: it names an existing page and a possible
+ * position of a node of the level below. */
 static enum umb_status check_link(struct umb_partial *p, const struct umb__page *page,
                                   uint32_t number, uint32_t level, struct umb__node_place to,
                                   struct umb_error *error)
@@ -314,8 +317,8 @@ static enum umb_status check_link(struct umb_partial *p, const struct umb__page 
                             number, to.position, level - 1, to.page);
 }
 
-/* Checks the references of a page to nodes in other pages or, with `note`, records that those pages
- * must hold the nodes. */
+/* Checks the references of a page to nodes in other pages. With `note` it does not check: it
+ * records that those pages must hold the nodes. */
 static enum umb_status visit_links(struct umb_partial *p, const struct umb__page *page,
                                    uint32_t number, bool note, struct umb_error *error)
 {

@@ -189,7 +189,8 @@ uint32_t umb__partial_worst(struct umb_partial *p);
 /* The missing cubes in a box of voxels of one frustum. */
 struct umb__lack {
     uint32_t level; /* Level of the largest missing cube; 0: none is missing */
-    /* Lit share of the node above the largest missing cube; mixed and absent children count half */
+    /* Lit share of the node above the largest missing cube; mixed and missing children count one
+     * half */
     double occupancy;
 };
 

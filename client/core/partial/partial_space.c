@@ -148,7 +148,7 @@ void umb__space_init(struct umb__space *s, const struct umb__content *content, u
         for (unsigned i = 0; i < 3; i++) {
             s->base[i] = light->position[i] - content->origin[i];
         }
-        /* The frustum was proven sound when the file was opened. */
+        /* Opening the file proved that the frustum can be inverted. */
         (void)umb__perspective_derive(f, &s->perspective);
     } else {
         for (unsigned axis = 0; axis < 3; axis++) {
@@ -174,7 +174,8 @@ static void corner(const struct umb__space *s, const double v[3], double world[3
 }
 
 /* Computes the world box around a cube of voxels, extended by the margin. The last layer of voxels
- * answers for all space behind the frustum, so a cube in that layer is extended by four frusta. */
+ * answers for all space behind the frustum, so a cube in that layer is extended in depth by four
+ * times the frustum's size. */
 static void bound_cube(const struct umb__space *s, uint32_t level, const uint32_t at[3],
                        double low[3], double high[3])
 {
@@ -243,7 +244,7 @@ double umb__space_edge(const struct umb__space *space, uint32_t level, uint32_t 
 {
     const double count = (double)(1U << level), *edges = space->edges;
     double across = fmax(edges[0], edges[1]);
-    if (space->is_perspective) { /* The edges are those of the last voxels */
+    if (space->is_perspective) { /* `edges` holds those of the last layer of voxels */
         const double size = (double)(1U << space->log2_size);
         const double offset = space->perspective.offset, scale = space->perspective.scale;
         across *= (offset + scale * ((double)z + count)) / (offset + scale * size);
@@ -268,7 +269,8 @@ struct umb__seen_cube umb__sight_cube(const struct umb__sight *sight,
     cube.benefit = cube.edge_m * cube.edge_m;
     if (view->has_camera && !cube.out) {
         see_camera(sight, low, high, &cube);
-        const double near = 16 * longest; /* Distance below which no cube is more urgent */
+        /* Distance in metres below which the benefit hardly grows */
+        const double near = 16 * longest;
         cube.benefit /= cube.distance_m * cube.distance_m + near * near;
     }
     return cube;

@@ -8,10 +8,10 @@
  * was found.
  *
  * Pages share nodes, so the unfolded tree may be larger by any factor. Therefore the walk counts
- * the cubes that it visits. Assets of scenes take fewer cubes than nodes held. At STEPS_A_NODE the
- * walk stops and marks the nodes that remain. Then one pass over the nodes, from the top down and
- * each node once, wants everything below the marked nodes. The result may have too many pages,
- * never too few.
+ * the cubes that it visits. Views of scenes take up to 5 cubes for each node held, most of them
+ * missing. At STEPS_A_NODE the walk stops and marks the nodes that remain. Then one pass over the
+ * nodes, from the top down and each node once, wants everything below the marked nodes. The result
+ * may have too many pages, never too few.
  */
 #include <float.h>
 #include <math.h>
@@ -45,11 +45,12 @@ struct walk {
 
 /* Limit of the cubes that a walk visits: STEPS_A_NODE for each node held, and STEPS_MIN more. */
 enum {
-    STEPS_A_NODE = 64,
+    STEPS_A_NODE = 16,
     STEPS_MIN = 1024,
 };
 
-/* Benefit of everything below a root that the walk does not reach; any positive value would do. */
+/* Benefit of everything below a root to which the walk does not come; any positive value would
+ * do. */
 #define ROOT_BENEFIT 1.0
 
 /* Returns whether a walk ends at a node: its page is missing, or has all that is below it. In:
@@ -121,7 +122,7 @@ static void want_marked(struct umb_partial *p)
     }
 }
 
-/* Visits a cube and, if the view needs more than the cube shows, its children. Recursion ends at
+/* Visits a cube and, if the view needs finer cells than this cube, its children. Recursion ends at
  * bricks, since levels descend. In: above: benefit of the cube's parent. */
 static void walk_cube(struct walk *w, const struct cube *cube, double above)
 {
@@ -310,7 +311,7 @@ static double occupancy_of(uint16_t mask)
     return (lit + 0.5 * umb__mask_mixed_count(mask)) / 8.0;
 }
 
-/* In: above: occupancy of the cube's parent node. */
+/* In: above: lit share of the cube's parent node. */
 static void look_cube(struct look *l, const struct cube *cube, double above)
 {
     const uint32_t at[3] = {cube->x, cube->y, cube->z}, last = (1U << cube->level) - 1;

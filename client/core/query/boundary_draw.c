@@ -69,8 +69,8 @@ static unsigned find_bit(uint64_t mask, uint32_t number)
 }
 
 /*
- * Draws a set bit of the masks; each set bit is a face. The first `depth_count` masks hold faces
- * that lie across the light, the others hold faces along it. Both kinds have equal chances, and
+ * Draws one of the faces that the masks mark, a bit for each face. The first `depth_count` masks
+ * mark faces across the light, the others mark faces along it. Both kinds have equal chances, and
  * within a kind all faces have. If one kind has no face, draws from the other. Returns false if no
  * bit is set.
  */
@@ -95,7 +95,7 @@ static bool draw_bit(const uint64_t *masks, size_t depth_count, size_t count,
     }
 }
 
-/* Draws a face inside a brick. In: first: first voxel of the brick. */
+/* Draws a face between voxels of a brick. In: first: first voxel of the brick. */
 static bool face_of_brick(const uint64_t brick[8], const uint32_t first[3],
                           struct umb__draws *draws, struct face *face)
 {
@@ -120,8 +120,8 @@ static bool face_of_brick(const uint64_t brick[8], const uint32_t first[3],
     return true;
 }
 
-/* Draws a face between the children of a wide node that are all uniform. In: lit: their states.
- * level: theirs. */
+/* Draws a face between the children of a wide node, all of which are uniform. In: lit: states of
+ * the children. level: level of the children. */
 static bool face_of_node(uint64_t lit, const uint32_t first[3], uint32_t level,
                          struct umb__draws *draws, struct face *face)
 {
@@ -187,8 +187,8 @@ static struct umb__boundary boundary_at(const struct face *face, struct umb__dra
     return boundary;
 }
 
-/* Moves the edge of a shadow along the light to the surface that receives it, unless the shadowed
- * side ends before. */
+/* Moves a boundary at a shadow's edge along the light to the surface that receives the shadow. The
+ * boundary does not move if the shadowed voxels end before that surface. */
 static void move_to_surface(const struct umb__tree *tree, struct umb__boundary *boundary)
 {
     const uint32_t *lit = boundary->lit;

@@ -35,24 +35,26 @@ struct umb__boundary {
     uint32_t lit[3], shadowed[3]; /* Voxels; they differ on one axis, by one */
 };
 
-/* A cell of the grid that holds a boundary, or whose next cell on an axis has the other state. */
+/* A cell of the grid that is mixed, or whose next cell on an axis has the other state: a boundary
+ * lies in it or at its face. */
 struct umb__boundary_cell {
     struct umb__link link;
     uint32_t first[3]; /* First voxel */
     uint64_t faces[3]; /* Bit 0: the next cell on z, x or y has the other state; if not mixed */
 };
 
-/* Reads cell (x, y, z) of the grid. Returns false if it is no such cell; `cell` may then not be
- * set. */
+/* Reads cell (x, y, z) of the grid. Returns false if no boundary lies in it or at its faces; `cell`
+ * may then not be set. */
 bool umb__boundary_cell_read(const struct umb__tree *tree, uint32_t x, uint32_t y, uint32_t z,
                              struct umb__boundary_cell *cell);
 
 /*
- * Draws a boundary of a cell: with equal chances one across the light or one between neighbouring
- * columns, where the walk ends with both. The latter is an edge of a shadow; it is moved along the
- * light to the surface that receives the shadow, unless the shadowed side ends before.
+ * Draws a boundary of a cell. Where the walk ends with both kinds, a boundary across the light and
+ * one between neighbouring columns have equal chances. A boundary between columns is the edge of a
+ * shadow: it is moved along the light to the surface that receives the shadow, unless the shadowed
+ * voxels end before that surface.
  *
- * Returns false if there is none, which happens only in files that change meanwhile.
+ * Returns false if there is no boundary, which happens only in files that change meanwhile.
  */
 bool umb__boundary_draw(const struct umb__tree *tree, const struct umb__boundary_cell *cell,
                         struct umb__draws *draws, struct umb__boundary *boundary);

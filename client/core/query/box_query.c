@@ -10,8 +10,9 @@
  *
  * In a face of a lamp a coordinate is W (d + ex x + ey y), where W is linear in z. Both factors are
  * monotone, and so is their product over a range of one factor. So the extremes are at corners
- * again, four of which must be tried. Voxels whose place another face answers are left out: there a
- * face is the cells in which other faces' W, linear in x and y for each W of the own, is below 1.
+ * again, four of which must be tried. Voxels for whose place another face answers are left out. The
+ * face answers where no other face has a larger W. The ratio of another face's W to its own W is
+ * linear in x and y, so that the test is again one of a linear function.
  */
 #include "query/volume_parts.h"
 
@@ -21,9 +22,9 @@ struct face {
     double scale, offset; /* W = scale z + offset */
     double position[3];   /* Position of the light, minus the asset's origin */
     uint32_t other_count;
-    double others[UMB__FACES_MAX][3]; /* W of another face for each own W: constant, and for each
-                                         texel of x and of y */
-    double limits[UMB__FACES_MAX];    /* Values that these must be below */
+    double others[UMB__FACES_MAX][3]; /* W of another face for each unit of the own W: constant
+                                         part, and parts for each texel of x and of y */
+    double limits[UMB__FACES_MAX];    /* Limits: below them the own face answers */
 };
 
 /* The voxels low <= v < high, none outside the frustum. */
@@ -43,14 +44,15 @@ struct count {
     struct umb_volume_stats *stats;
     const struct umb_box_watch *watch; /* Watch that may end a box; NULL: none */
     uint64_t steps;                    /* Number of steps taken in the current box */
-    uint64_t next_question;            /* Number of steps at which the watch is asked again */
+    uint64_t next_question;            /* Number of steps at which the watch is called again */
     uint64_t most;                     /* Most steps in a box without a watch */
     bool given_up;                     /* True: the current box is left */
 };
 
-#define CUT_STEPS 64 /* Number of steps of a brick whose voxels are tested one by one */
+#define CUT_STEPS 64 /* Number of steps charged for a brick whose voxels are tested one by one */
 
-/* Adds steps to the box, and asks the watch when due. Returns false if the box is given up. */
+/* Adds steps to the box, and calls the watch when it is due. Returns false if the box is given
+ * up. */
 static bool step(struct count *count, uint64_t steps)
 {
     count->steps += steps;
@@ -83,7 +85,7 @@ static inline double centre(const struct count *count, unsigned axis, const int3
     return w + count->origin[axis];
 }
 
-/* Returns a function that is linear in texels, at the middle of texel (x, y). */
+/* Returns the value of a linear function constant + a x + b y at the centre of texel (x, y). */
 static inline double linear(double constant, double a, double b, int32_t x, int32_t y)
 {
     return (constant + ((double)x + 0.5) * a) + ((double)y + 0.5) * b;
@@ -148,8 +150,8 @@ static enum cover slab_cover(const struct count *count, unsigned axis, const int
     return w.least >= min && w.most < max ? COVER_ALL : COVER_SOME;
 }
 
-/* Returns whether the own face answers for all, some or none of the voxels, as far as another face
- * is concerned. */
+/* Returns for which of the voxels low..high (inclusive) the own face answers, and not one other
+ * face: all, some or none. */
 static enum cover other_cover(const struct count *count, uint32_t other, const int32_t low[3],
                               const int32_t high[3])
 {
@@ -199,7 +201,7 @@ static void range_masks(const struct range *range, const struct cube *brick, uin
     }
 }
 
-/* Removes the texels of a brick that another face answers for. */
+/* Removes the texels of a brick for which another face answers. */
 static void other_masks(const struct count *count, uint32_t other, const struct cube *brick,
                         uint64_t inside[8])
 {
@@ -262,7 +264,8 @@ static void slab_masks(const struct count *count, unsigned axis, const struct cu
     }
 }
 
-/* Counts a brick that the box's faces cut. In: masks: NULL for a uniform cube of a brick's size. */
+/* Counts a brick that the surface of the box cuts. In: masks: NULL for a uniform cube of a brick's
+ * size. */
 static void count_cut_brick(struct count *count, const struct cube *brick, const uint64_t *masks,
                             bool lit)
 {
@@ -297,7 +300,7 @@ static void count_whole_brick(struct count *count, const uint64_t masks[8])
     count->answer->voxels += 512;
 }
 
-/* Counts a uniform cube. A cube that the box's faces cut is halved, down to bricks. */
+/* Counts a uniform cube. A cube that the surface of the box cuts is halved, down to bricks. */
 static void count_uniform(struct count *count, const struct cube *cube, bool lit, enum cover cover)
 {
     if (cover == COVER_ALL) {
@@ -428,8 +431,8 @@ static int32_t clamp(double value, int32_t size)
     return value >= size ? size : value > 0 ? (int32_t)value : 0;
 }
 
-/* Returns a range of voxels that contains all with a centre in a world box: the voxels between the
- * box's corners, and one more on each side for the rounding of both transforms. */
+/* Returns a range of voxels that contains every voxel whose centre is in a world box: the voxels
+ * between the box's corners, and one more on each side because both transforms round. */
 static struct range range_around(const struct umb__volume *v, const struct umb_box *box)
 {
     struct range range;
@@ -483,8 +486,8 @@ static void set_face(const struct umb__volume *v, uint32_t number, struct face *
     job->face = face;
 }
 
-/* Returns a range of a face's voxels that contains all with a centre in a world box, with room for
- * rounding. The corners tell it, unless some are behind the light. */
+/* Returns a range of a face's voxels that contains every voxel whose centre is in a world box, with
+ * room for rounding. The box's corners give the range, unless some are behind the light. */
 static struct range face_range(const struct umb__volume *v, uint32_t number,
                                const struct umb_box *box)
 {
@@ -508,7 +511,7 @@ static struct range face_range(const struct umb__volume *v, uint32_t number,
         }
     }
     struct range range;
-    /* Voxels whose centre is at the light or behind it are none. */
+    /* Voxels with a centre at the light or behind it do not count. */
     low[2] = fmax(low[2], -offset / scale + 0.5);
     for (unsigned k = 0; k < 3; k++) {
         range.low[k] = clamp(floor(low[k]) - 1, (int32_t)size);

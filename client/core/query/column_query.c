@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Finds the first occluder of a column: down the light's axis from cube to cube, over lit cubes in
- * one step, to the first shadowed voxel. The walk ends, since each step goes at least one brick
- * further. In closed frusta the occluder depth map has the columns where undefined voxels come
- * before that voxel.
+ * Finds the first occluder of a column. A walk goes along the light's axis from cube to cube,
+ * crosses each lit cube in one step, and stops at the first shadowed voxel. It ends, since each
+ * step goes at least one brick further. In frusta baked under the closed rule, undefined voxels may
+ * come before that voxel; for those columns the occluder depth map has the answer.
  */
 #include "format/occluder_depth.h"
 #include "query/volume_parts.h"

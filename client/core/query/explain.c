@@ -15,7 +15,8 @@ static void add_step(struct umb_explanation *e, uint32_t level, uint32_t state, 
     }
 }
 
-/* Walks from the grid to the node that settles the centre tap, and records each step. */
+/* Walks from the grid to the node that decides the answer of the window's centre, and records each
+ * step. */
 static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_explanation *e)
 {
     const struct umb__tree tree = umb__tree_of(q);
@@ -37,7 +38,7 @@ static void walk(const struct umb__query *q, const int64_t cell[3], struct umb_e
     }
 }
 
-/* Fills in the window texel by texel, each with its own look-up. */
+/* Fills in the explanation's window, texel by texel, with a look-up for each. */
 static void draw_window(const struct umb__query *q, const struct umb__window *window,
                         struct umb_explanation *e)
 {
@@ -61,8 +62,8 @@ static void draw_window(const struct umb__query *q, const struct umb__window *wi
     }
 }
 
-/* Returns the mean edge in metres of the voxel or cell that answers. The automatic bias of coarse
- * look-ups uses twice the edges of a cell (query.c, set_bias). */
+/* Returns the mean edge in metres of the voxel or cell that a look-up reads. The automatic bias of
+ * coarse look-ups uses twice the edges of a cell (query.c, set_bias). */
 static double edge_m(const struct umb__query *q)
 {
     const double(*step)[3] = q->voxel_step;
@@ -85,7 +86,8 @@ static void add_normal(const struct umb__query *q, const struct umb_points *one,
     }
 }
 
-/* Runs a stage of the query for one point. Out: the answer and the reads of that stage. */
+/* Runs a stage of the query for one point. Out: the answer after that stage, and the numbers of
+ * nodes and bricks that it read. */
 static struct umb_query_stats answer_one(const struct umb__query *query, umb__kernel *run,
                                          const struct umb_points *one, struct umb_explanation *e)
 {
@@ -193,7 +195,8 @@ void umb_query_explain(const struct umb_query *query, const struct umb_points *p
         explanation->answer = (double)(float)(explanation->answer * explanation->transmittance);
     }
     const bool is_wide = q.face_count > 0 && q.filter == UMB_FILTER_PENUMBRA;
-    if (q.footprint_inner != NULL || is_wide) { /* The window is explained as without the filter */
+    if (q.footprint_inner != NULL || is_wide) { /* With this filter, the window is explained as
+                                                   without it */
         const struct umb_points one = umb__some_points(points, index, 1);
         (void)answer_one(&q, q.run, &one, explanation);
         explanation->filter = q.filter;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The filters of queries, and the names of settings. A filter is compiled out with
- * -DUMB_WITHOUT_ and its name (query.c). */
+/* The filters of queries, and the names of settings. The compiler option -DUMB_WITHOUT_ followed by
+ * a filter's name leaves the filter out (query.c). */
 #include "query/stages.h"
 
 static const struct umb__filter box = {.info = {.name = "box", .is_window = 1, .has_curve = 1},

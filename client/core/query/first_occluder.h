@@ -21,7 +21,8 @@ struct umb__occluders {
 };
 
 /* Finds the first occluder of column (x, y) inside the frustum. In: limit: a voxel of the column.
- * Returns whether it is at voxel `limit` or before; its depth is then in *depth. */
+ * Returns whether the occluder is at voxel `limit` or before; *depth is then its depth in
+ * voxels. */
 bool umb__first_occluder(struct umb__occluders *occluders, uint32_t x, uint32_t y, uint32_t limit,
                          uint32_t *depth);
 

@@ -30,8 +30,8 @@
 #define UMB__READ_BRICK     umb__read_brick_avx512
 #define UMB__STEP_HEADS     umb__step_heads_avx512
 
-/* Prefetches the memory of later answers, as is done for points, because hardware prefetchers do
- * not reach that far. */
+/* Prefetches the memory of later answers, as the kernels do for points, because hardware
+ * prefetchers do not reach that far. */
 #define WRITE_AHEAD 1024U /* bytes */
 
 UMB__INLINE void ask_for_answers(const struct umb__query *query, const void *values, size_t first)

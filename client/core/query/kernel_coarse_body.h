@@ -68,7 +68,7 @@ void UMB__COARSE(const struct umb__query *query, const struct umb_points *points
         block.size = (uint32_t)(end - first < UMB__BLOCK ? end - first : UMB__BLOCK);
         UMB__PLACE(&placer, first, &block, &stats);
         for (uint32_t i = 0; i < block.size; i++) {
-            block.lit[i] *= HALVES; /* For points that placing settled */
+            block.lit[i] *= HALVES; /* For points whose answer was known when they were placed */
         }
         stats.nodes += umb__count_bits(block.todo);
         coarse_grid(query, &block, number);

@@ -29,12 +29,12 @@ struct umb__descent {
     uint32_t number[UMB__BLOCK];       /* By list: that number, once it is read */
 };
 
-/* The two blocks that descend at a time. */
+/* The two blocks whose points descend at a time. */
 struct umb__descents {
     const struct umb__query *query;
     void *values;                 /* Answers of the batch */
     struct umb__descent *free;    /* Place where the next block is copied to */
-    struct umb__descent *looking; /* Block that has looked and not asked yet; or NULL */
+    struct umb__descent *looking; /* Block that has finished "look" and not begun "ask"; or NULL */
     struct umb__descent both[2];  /* Storage of the blocks */
     struct umb__descent none;     /* Block without points, which stands for an absent one */
 };
@@ -57,9 +57,10 @@ static inline uint32_t umb__padded(const struct umb__block *block)
     return (block->size + 7) & ~7U;
 }
 
-/* Enters the piece that point i has reached. A uniform piece settles the point; the node or brick
- * of a mixed piece is prefetched at once. A loop of prefetches alone would be slower: a core has
- * some ten outstanding misses at most, and can compute the next points while it waits. */
+/* Enters the piece of its column (format/view.h) that point i has reached. A uniform piece settles
+ * the point; the node or brick of a mixed piece is prefetched at once. A loop of prefetches alone
+ * would be slower: a core has some ten outstanding misses at most, and can compute the next points
+ * while it waits. */
 static inline void umb__enter_piece(const struct umb__query *q, uint32_t i, uint32_t value,
                                     struct umb__descent *points)
 {
@@ -108,7 +109,7 @@ static inline void umb__enter_columns(const struct umb__query *q, struct umb__de
 }
 
 /*
- * Looks into the node of point k of the list, for the child that contains the point. Returns the
+ * Looks in the node of point k of the list for the child that contains the point. Returns the
  * list's new end. The masks are shifted until the child's bit is the highest one. That bit is then
  * the child's state, and the number of bits left in `mixed` gives the place of the child's number
  * in the node. For a child that is not mixed the read stays within the node and is discarded.
@@ -196,9 +197,9 @@ static inline void umb__copy_block(const struct umb__block *from, struct umb__bl
     }
 }
 
-/* Starts the descent of a copy of the block, and finishes the descent of the block before. first:
- * index in the batch of the block's first point. This function and the next are not inlined, and
- * the block is copied, because the loop over blocks whose points share their descent is then
+/* Copies a block and starts the copy's descent; finishes the descent of the block before. In:
+ * first: index in the batch of the block's first point. This function and the next are not inlined,
+ * and the block is copied, because the loop over blocks whose points share their descent is then
  * faster. */
 static __attribute__((noinline)) void umb__descend(struct umb__descents *descents,
                                                    const struct umb__block *block, size_t first,

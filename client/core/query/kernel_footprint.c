@@ -3,8 +3,8 @@
  * Footprints: the share of the light that reaches the patch of a surface that a pixel covers. All
  * arithmetic is in doubles, the same on all machines. Kernels find the footprints of 64 points at a
  * time (kernel_receivers.h) and answer their squares under parallel light (kernel_squares_body.h).
- * Where another stage stands inside this one, of lamps or translucent casters, each point's samples
- * go through it.
+ * If a stage of lamps or of translucent casters is inside this stage (stages.h), the samples of
+ * each point go through that stage.
  *
  * Level 0 of a point is its window of `taps` texels, as without a footprint. Level k > 0 is the
  * mean of one-tap look-ups spread over a square of its surface, 2^k windows wide: the plane through
@@ -24,7 +24,7 @@
 #define CHUNK   512U /* Points whose windows are answered at a time; whole bytes of bit answers */
 #define SAMPLES UMB__SQUARE_SAMPLES
 
-/* Some points on their way: answer = near + weight * (far - near). */
+/* Some points while they are answered: answer = near + weight * (far - near). */
 struct chunk {
     struct umb__query window; /* The least window ... */
     struct umb__query one;    /* ... and one tap: what levels are made of */
@@ -107,7 +107,8 @@ static void look_up_alone(const struct chunk *chunk, struct umb__receivers *r, u
     r->mean[1][i] = sums[1] / SAMPLES;
 }
 
-/* Answers the squares of a block of receivers. In: at: its first point's place in the chunk. */
+/* Answers the squares of a block of receivers. In: at: place of the block's first point in the
+ * chunk. */
 static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
     struct umb__receivers *r = &chunk->receivers;
@@ -128,7 +129,8 @@ static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_st
     }
 }
 
-/* Lists the points of a block that need their window, and counts the others. In: at: as above. */
+/* Lists the points of a block that need their window answered, and counts the other points in the
+ * statistics. In: at: place of the block's first point in the chunk. */
 static void list_windows(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
     const struct umb__receivers *r = &chunk->receivers;
@@ -211,7 +213,7 @@ static void footprint_run(const struct umb__query *q, const struct umb_points *p
     }
 }
 
-/* Checks what gives footprints: one source of them, and in range. */
+/* Checks that footprints have at most one source, and that its value is in range. */
 static enum umb_status check(const struct umb__plan *plan, struct umb_error *error)
 {
     const double pixel = plan->settings->pixel_rad, side = plan->settings->footprint_m;

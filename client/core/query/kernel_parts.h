@@ -22,10 +22,11 @@ struct umb__block {
     uint32_t lit[UMB__BLOCK + UMB__BEHIND];
 };
 
-/* The level-5 cells that a block's windows touch, in slots 4 * of[point] + right + 2 * down. */
+/* The level-5 cells that a block's windows touch. The cells of a point's window have the slots 4 *
+ * of[point] + right + 2 * down, where right and down are 0 or 1. */
 struct umb__cells {
-    uint8_t of[UMB__BLOCK];               /* By window: the window whose slots it uses, its own or
-                                             that of an earlier one in the same cell */
+    uint8_t of[UMB__BLOCK];               /* For each window: number of the window whose slots it
+                                             uses: itself, or an earlier window in the same cell */
     uint16_t slot[4 * UMB__BLOCK];        /* List of the slots whose cells are not found yet */
     const uint64_t *node[4 * UMB__BLOCK]; /* By slot: node reached, or a uniform one */
     uint8_t steps[4 * UMB__BLOCK];        /* By slot: number of nodes visited */
@@ -45,7 +46,7 @@ static inline size_t umb__grid_index(int32_t x, int32_t y, int32_t z, uint32_t l
     return ((size_t)x >> level) + (((size_t)y >> level) << g) + (((size_t)z >> level) << (2 * g));
 }
 
-/* umb__column_piece of a column's eight bytes, without branches. */
+/* Does what umb__column_piece does, from a column's eight bytes and without branches. */
 static inline uint32_t umb__piece_of(uint64_t column, uint32_t z)
 {
     uint32_t first = (uint32_t)column, low = (uint32_t)(column >> 32) & 0xffff;
@@ -64,15 +65,15 @@ static inline uint32_t umb__count_bits(uint64_t bits)
     return (uint32_t)__builtin_popcountll(bits);
 }
 
-/* Bit of a wide node's child of `level` around a voxel. */
+/* Returns the bit, in a wide node's masks, of the child of `level` that contains a voxel. */
 static inline unsigned umb__child_bit(int32_t x, int32_t y, int32_t z, uint32_t level)
 {
     return ((uint32_t)x >> level & 3) | ((uint32_t)y >> level & 3) << 2 |
            ((uint32_t)z >> level & 3) << 4;
 }
 
-/* Returns a if `which` is 1, b if 0. It computes the result, because compilers turn conditions into
- * branches, which are slow on unpredictable data. */
+/* Returns a if `which` is 1, b if it is 0. Uses arithmetic instead of a condition: compilers turn
+ * conditions into branches, which are slow on unpredictable data. */
 static inline uint64_t umb__select(uint64_t which, uint64_t a, uint64_t b)
 {
     return b ^ ((a ^ b) & (0 - which));
@@ -111,7 +112,7 @@ static inline uint32_t umb__brick_range(uint32_t first, uint32_t reach)
     return (2U << high) - (1U << low);
 }
 
-/* The rows of a 4x4 square of bits whose bits are set in the index. */
+/* Masks of a 4x4 square of bits: for each value of four bits, the rows whose bit is set. */
 static const uint16_t umb__rows_of_four[16] = {
     0x0000, 0x000f, 0x00f0, 0x00ff, 0x0f00, 0x0f0f, 0x0ff0, 0x0fff,
     0xf000, 0xf00f, 0xf0f0, 0xf0ff, 0xff00, 0xff0f, 0xfff0, 0xffff,
@@ -131,8 +132,8 @@ static inline bool umb__stages_fit(const struct umb__query *q)
     return q->taps == 1 || q->log2_size - q->grid_log2 >= UMB__SHARE_LEVEL;
 }
 
-/* Places one point. A point that needs no look-up, or whose look-up no stage supports, gets its
- * answer at once. */
+/* Computes the voxel of one point. A point that needs no look-up, or whose look-up no stage
+ * supports, gets its answer at once. */
 static inline void umb__place_point(const struct umb__query *q, const struct umb_points *points,
                                     size_t index, struct umb__block *block, uint32_t i,
                                     struct umb_query_stats *stats)
@@ -182,7 +183,8 @@ static inline void umb__placer_init(const struct umb__query *q, const struct umb
     placer->points = points;
 }
 
-/* Places the points from `index` on as lanes low .. high - 1, which are not yet in `todo`. */
+/* Places the points from number `index` on in the lanes low .. high - 1, whose bits in `todo` are
+ * still 0. */
 static inline void umb__place_points(const struct umb__placer *placer, size_t index,
                                      struct umb__block *block, uint32_t low, uint32_t high,
                                      struct umb_query_stats *stats)
@@ -229,8 +231,8 @@ static inline void umb__grid_block(const struct umb__query *q, struct umb__block
     block->todo = mixed;
 }
 
-/* Stores answers as floats. Callers pass constants where they can: the length of whole blocks, and
- * a total of 1, which saves the division. */
+/* Stores answers as floats. Where callers can, they pass constants: the length of a whole block,
+ * and a total of 1, for which the compiler leaves out the division. */
 UMB__INLINE void umb__store_floats(const struct umb__block *block, uint32_t count, float total,
                                    uint8_t *to)
 {

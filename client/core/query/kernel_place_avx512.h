@@ -21,8 +21,9 @@
  * Test: the two sums differ by less than UMB__FIXED_SLACK units, which are added to the constant.
  * If the fraction is at least twice that, the sum of umb__to_voxel has the same floor and is no
  * integer. If the index is also inside the frustum, so is the point. A window begins taps / 2
- * texels before the point's texel, and is inside if both its ends are. A block with a doubtful
- * point is placed again; one coordinate in 2^27 is doubtful.
+ * texels before the point's texel, and is inside if both its ends are. If the test fails for any
+ * point of a block, the whole block is placed again by kernel_place_lanes.h. One coordinate in 2^27
+ * is in such doubt.
  *
  * Normals of a given bias: points are moved along their normals n by lengths computed in floats (u
  * = 2^-24), added as voxels. n.n must be between 1/4 and 4, and N is the greatest |n_k|. A is the
@@ -31,16 +32,16 @@
  * by the root of n.n and the last product have 8 u. So the slack grows by 32 u times the length
  * times A, rounded up to a power of two, so that fractions are tested by their bits.
  *
- * Normals of the automatic bias (umb__lift_auto): all in doubles (w = 2^-53), with n.n as above and
- * one reciprocal for all quotients. With l the lengths of a voxel's edges, a lift of `most` voxels
- * or less has |n.ez| >= |n| l2 / (sqrt(18) r), where r is (l0 + l1) / 2 over the shorter of l0 and
- * l1. That bounds the rounding of the quotients by 150 w r most voxels; queries for which it is
- * above half a unit go without fixed point. So do those with moves of UMB__MOVE_MOST voxels along
- * the normal, whose rounding is 10 w of their length. Each adds half a unit, and so do the sums of
- * the point and its move, of the step, of the two slopes and of the lift: 12 units in all. Slopes
- * add up to at most 2 most / taps, and multiply the error of a fraction: the slack grows by that
- * factor. Whether a lift is the longest is in doubt where the rest is within 64 w of the sum of its
- * terms' greatest values.
+ * Normals of the automatic bias (umb__lift_auto): all in doubles (w = 2^-53), with n.n between 1/4
+ * and 4 and one reciprocal for all quotients. With l the lengths of a voxel's edges, a lift of
+ * `most` voxels or less has |n.ez| >= |n| l2 / (sqrt(18) r), where r is (l0 + l1) / 2 over the
+ * shorter of l0 and l1. That bounds the rounding of the quotients by 150 w r most voxels; queries
+ * for which this bound is above half a unit do not use fixed point. Nor do queries with moves of
+ * UMB__MOVE_MOST voxels along the normal, whose rounding is 10 w of their length. Each adds half a
+ * unit, and so do the sums of the point and its move, of the step, of the two slopes and of the
+ * lift: 12 units in all. Slopes add up to at most 2 most / taps, and multiply the error of a
+ * fraction: the slack grows by that factor. Whether a lift is the longest is in doubt where the
+ * rest is within 64 w of the sum of its terms' greatest values.
  *
  * Facing away: a normal faces away if its product with the light's direction d is not negative.
  * With D the sum of |d_k|, the product in floats is off by at most 4 u D N. Within 8 u D N of zero
@@ -49,8 +50,8 @@
 #include "query/kernel_lanes_avx512.h"
 #include "query/kernel_place_lanes.h"
 
-/* Slack in units of 2^-32 voxels: more than the error of the argument above; and the most for
- * normals, a thousandth of a voxel. */
+/* Slack in units of 2^-32 voxels: more than the error derived above. The second is the most that
+ * normals may add: a thousandth of a voxel. */
 #define UMB__FIXED_SLACK 16
 #define UMB__FIXED_MOST  (1 << 22)
 #define UMB__FLOATS_MOST 1e10 /* Largest number computed with in floats: nothing overflows */
@@ -63,9 +64,10 @@ struct umb__wide_placer {
     bool fits;
     double reach; /* Largest absolute value of a coordinate in the batch */
     __m512d to_voxel[3][3], base[3];
-    __m512i beyond;     /* Bits that no index inside the frustum has */
-    __m512i half, span; /* texels before a window's centre, and from its first to its last */
-    __m512i sure;       /* Bits of which a sure fraction has at least one */
+    __m512i beyond; /* Bits that no index inside the frustum has */
+    /* Number of texels before a window's centre, and from its first to its last */
+    __m512i half, span;
+    __m512i sure; /* Bits of which a sure fraction has at least one */
     /* For points with normals. */
     bool automatic; /* True: the bias is automatic */
     bool follows;   /* True: lifts count from the plane's depth at the centre of a texel */
@@ -293,16 +295,16 @@ static inline __m512 umb__dot_floats(const __m512 v[3], const __m512 w[3])
     return _mm512_fmadd_ps(v[2], w[2], _mm512_fmadd_ps(v[1], w[1], v[0] * w[0]));
 }
 
-/* Moves of eight points, in voxels. */
+/* Moves of eight points off their surface, in voxels. */
 struct umb__eight_steps {
     __m512d step[3];
-    __m512d slope[2]; /* Of lifts that count from the centre of a texel; else not set */
+    __m512d slope[2]; /* Set only for lifts that count from the centre of a texel */
 };
 
 /* Moves of sixteen points. */
 struct umb__sixteen_steps {
     struct umb__eight_steps low, high;
-    __mmask16 usable; /* Points whose normal the argument above covers */
+    __mmask16 usable; /* Points whose normal meets the conditions of the file's first comment */
     __mmask16 away;   /* Usable points that face away */
 };
 
@@ -350,7 +352,7 @@ static inline void umb__move_eight(const struct umb__wide_placer *placer, const 
     to->slope[1] = _mm512_mask_mov_pd(to->slope[1], more, zero);
 }
 
-/* umb__lift_auto of eight points. Returns the points whose lift is in doubt. */
+/* Does what umb__lift_auto does, for eight points. Returns the points whose lift is in doubt. */
 UMB__INLINE __mmask8 umb__lift_eight(const struct umb__wide_placer *placer, const __m512d n[3],
                                      struct umb__eight_steps *to)
 {
@@ -378,7 +380,7 @@ UMB__INLINE __mmask8 umb__lift_eight(const struct umb__wide_placer *placer, cons
     return _mm512_cmp_pd_mask(_mm512_abs_pd(rest), doubt, _CMP_NGT_UQ);
 }
 
-/* The move of a given bias, of sixteen points. */
+/* Computes the moves of sixteen points for a given bias. */
 static inline void umb__given_sixteen(const struct umb__wide_placer *placer, const __m512 n[3],
                                       __m512 length2, struct umb__sixteen_steps *to)
 {
@@ -458,8 +460,8 @@ static inline bool umb__all_placed(const struct umb__wide_placer *placer,
            _mm512_test_epi32_mask(placed->ends, placer->beyond) == 0;
 }
 
-/* Stores sixteen points into lanes i .. of the block. steps: NULL for points without normals.
- * Points that face away get voxel 0, 0, 0 and are shadowed. */
+/* Stores sixteen points into the lanes of the block from i on. steps: NULL for points without
+ * normals. Points that face away get voxel 0, 0, 0 and are shadowed. */
 UMB__INLINE void umb__place_sixteen(const struct umb__wide_placer *placer,
                                     const struct umb__sixteen *p,
                                     const struct umb__sixteen_steps *steps, bool windows,
@@ -514,8 +516,8 @@ UMB__INLINE void umb__ask_for_points(const uint8_t *at, size_t bytes)
     }
 }
 
-/* Places a whole block. Returns false if the block needs another function. Points with a look-up
- * have no answer yet. */
+/* Places a whole block: fills in its voxels, and the answers of points without a look-up. Returns
+ * false if the block must be placed by another function. */
 UMB__INLINE bool umb__place_sixteens(const struct umb__wide_placer *placer, size_t first,
                                      struct umb__form form, struct umb__block *block,
                                      struct umb_query_stats *stats)

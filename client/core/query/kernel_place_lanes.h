@@ -20,7 +20,8 @@ struct umb__lane_placer {
     umb__lanes offset[3]; /* The batch's origin minus the asset's */
     umb__lanes push[3];   /* Bias towards the light, for points without a normal */
     umb__lanes to_voxel[3][4];
-    umb__lanes voxel_step[3][3]; /* For points with normals, as is direction */
+    umb__lanes voxel_step[3][3]; /* World vectors of voxels, for points with normals; `direction` is
+                                    for these, too */
     umb__lanes direction[3];
     __m256i half;  /* Number of texels before a window's centre */
     __m256i reach; /* Number of texels from a window's first to its last */
@@ -64,12 +65,13 @@ struct umb__form {
     bool windows; /* True: any number of taps; false: one (AVX-512) */
 };
 
-/* struct umb__lift, a point a lane. */
+/* As struct umb__lift, with a point in each lane. */
 struct umb__lanes_lift {
     umb__lanes depth, slope[2];
 };
 
-/* umb__lift_auto, a point a lane. Returns the move along n in units of n. */
+/* Does what umb__lift_auto does, with a point in each lane. Returns the move along n in units of
+ * n. */
 UMB__INLINE umb__lanes umb__lift_lanes(const struct umb__lane_placer *placer, const umb__lanes n[3],
                                        umb__lanes length2, struct umb__lanes_lift *lift)
 {
@@ -123,7 +125,8 @@ UMB__INLINE unsigned umb__move_lanes(const struct umb__lane_placer *placer, size
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
 }
 
-/* Returns umb__lift_depth, a point a lane. In: v: not negative. at: v, truncated. */
+/* Does what umb__lift_depth does, with a point in each lane. In: v: not negative. at: v,
+ * truncated. */
 UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, const umb__lanes v[3],
                                         const umb__lane_ints at[3])
 {
@@ -132,7 +135,8 @@ UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, cons
            lift->slope[1] * (half - (v[1] - UMB__LANES_FROM_INTS(at[1]))) - lift->depth;
 }
 
-/* First texels of windows, a point a lane, and bits of points negative or facing away. */
+/* First texels of windows, with a point in each lane; and bits of the points that are negative or
+ * face away. */
 struct umb__placed_lanes {
     umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
     unsigned negative, away;
@@ -187,7 +191,7 @@ static inline void umb__clear_lanes(__m256i v[3], unsigned away)
  * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
  * look-up in the low byte, and those that face away in the next byte. A lane in neither has a point
  * that is not clearly inside; then all eight lanes are unspecified. A window lies inside if both
- * its ends are below the frustum's size. That is a power of two, so a test of bits proves it.
+ * its ends are below the frustum's size. The size is a power of two, so a test of bits shows that.
  */
 UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, size_t index,
                                       struct umb__form form, struct umb__block *block, uint32_t i)
@@ -224,7 +228,8 @@ UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, siz
     return look | away << 8;
 }
 
-/* Places groups of eight points again, point by point: those with a point in `others`. */
+/* Places groups of eight points again, point by point. In: others: bits of points; a group is
+ * placed again if one of its points has a bit. */
 static inline void umb__place_again(const struct umb__lane_placer *placer, size_t first,
                                     uint64_t others, struct umb__block *block,
                                     struct umb_query_stats *stats)
@@ -238,8 +243,8 @@ static inline void umb__place_again(const struct umb__lane_placer *placer, size_
     }
 }
 
-/* Places a block by groups of eight points. Points that need their own path are rare, so the loop
- * has no call and keeps its constants in registers. */
+/* Places a block by groups of eight points. Points that must be placed one by one are rare. They
+ * are placed after the loop, which therefore has no call and keeps its constants in registers. */
 UMB__INLINE void umb__place_eights(const struct umb__lane_placer *placer, size_t first,
                                    struct umb__form form, struct umb__block *block,
                                    struct umb_query_stats *stats)

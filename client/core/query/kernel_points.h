@@ -13,12 +13,13 @@ struct umb__cube {
     int32_t x, y, z; /* Index of the voxel */
 };
 
-/* The cubes that a block's points share. */
+/* What the descents of a block's points share. */
 struct umb__common {
-    bool found;            /* True: `cube` is around all points; false: each begins at its column */
+    bool found;            /* True: `cube` is around all points; false: each descent begins at the
+                              point's column */
     struct umb__cube cube; /* Cube at which the descent of each point begins */
-    struct umb__cube last; /* Smallest cube with a node around the last block that had such a cube;
-                              level 0: none yet */
+    struct umb__cube last; /* Smallest mixed cube around all points of the latest block that had
+                              one; level 0: none yet */
 };
 
 /* Settles a whole block. */
@@ -29,9 +30,10 @@ static inline void umb__fill_block(struct umb__block *block, uint32_t lit)
     }
 }
 
-/* Returns the cube at which the descent of a block begins. Its points share a cube of the columns'
- * level; if they are all in the cube of the last block, the descent begins there. The result's
- * `number` is the state of a uniform cube, or UMB__CELL_FIRST plus the number of a node or
+/* Returns the cube at which the descent of a block begins. In: a block whose points are all in one
+ * cube of the columns' level; last: cube of an earlier block. If all points are in `last`, the
+ * descent begins there. The result's `number` is the state of a uniform cube, or UMB__CELL_FIRST
+ * plus the number of a node or
  * brick. */
 static inline struct umb__cube umb__begin_together(const struct umb__query *q,
                                                    const struct umb__block *block, uint32_t spread,
@@ -89,7 +91,8 @@ static inline bool umb__descend_together(const struct umb__query *q, struct umb_
     return false;
 }
 
-/* Returns the node or brick of a mixed cube, or the constant one of a uniform cube's state. */
+/* Returns the address of a mixed cube's node or brick. For a uniform cube it returns a constant
+ * node or brick of the cube's state. */
 static inline const uint64_t *umb__target(const struct umb__query *q, bool brick, uint64_t mixed,
                                           uint64_t number, uint64_t lit)
 {
@@ -101,7 +104,8 @@ static inline const uint64_t *umb__target(const struct umb__query *q, bool brick
     return (const uint64_t *)umb__select(mixed, inner, (uintptr_t)uniform);
 }
 
-/* Finds the nodes or bricks of heads in their columns. Returns the heads that are not settled. */
+/* Finds, in the columns, the nodes or bricks of the heads of runs (kernel_runs.h). Returns the
+ * heads that are not settled. */
 UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct umb__block *heads,
                                       bool brick, const uint64_t *at[UMB__BLOCK])
 {
@@ -123,7 +127,8 @@ UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct u
     return unsettled & heads->todo;
 }
 
-/* Finds the children of `level` of the heads' nodes, as umb__enter_children does for points. */
+/* Finds the children of `level` of the heads' nodes. For heads this function does what
+ * umb__enter_children does for points. */
 UMB__INLINE uint64_t umb__step_heads(const struct umb__query *q, const struct umb__block *heads,
                                      uint32_t level, bool brick, const uint64_t *at[UMB__BLOCK])
 {
@@ -210,8 +215,8 @@ static inline bool umb__count_points(const struct umb__query *q, struct umb__blo
     return true;
 }
 
-/* Answers a block at once, or starts a descent that ends with later blocks. first: index in the
- * batch of the block's first point. Answers are stored in the points' order. */
+/* Answers a block at once, or starts a descent that ends while later blocks are answered. In:
+ * first: index in the batch of the block's first point. Answers are stored in the points' order. */
 static inline void umb__answer_points(const struct umb__query *q, struct umb__block *block,
                                       size_t first, void *values, struct umb__common *common,
                                       struct umb__descents *descents, struct umb_query_stats *stats)

@@ -2,7 +2,7 @@
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_RECEIVERS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_RECEIVERS_H
 /* Steps of kernel_squares_body.h over the receivers of a block (receivers.h). Each is a loop over
- * all lanes without branches; lanes without a point hold those of the last one. */
+ * all lanes without branches; lanes without a point hold the values of the last point. */
 #include "query/perspective.h"
 #include "query/receivers.h"
 
@@ -148,11 +148,12 @@ UMB__INLINE uint64_t umb__bits_of(double value)
 
 #define UMB__MANTISSA ((UINT64_C(1) << 52) - 1)
 
-/* Finds the level below each footprint: the widest one, of windows times powers of two, that is at
- * most as wide. Powers of two are added to the bits of the exponent. */
+/* Finds the level below each footprint. The widths of levels are the window's width times powers of
+ * two; this level is the widest one that is at most as wide as the footprint. Powers of two are
+ * added to the bits of the exponent. */
 static inline void umb__receivers_level(const struct umb__query *q, struct umb__receivers *r)
 {
-    /* Area lights shine to one side; windows answer points behind them. */
+    /* Area lights shine to one side; points behind them are answered by windows. */
     const bool one_sided = q->face_count > 0 && umb__is_one_sided(q);
     for
         UMB__EACH_LANE(i)
@@ -231,7 +232,8 @@ static inline void umb__receivers_lift(const struct umb__query *q, const struct 
         }
 }
 
-/* Finds the moves of a given bias; arguments as above. */
+/* Finds the moves along the normals for a given bias. Out: scale, depth: as for the automatic bias
+ * above. */
 static inline void umb__receivers_push(const struct umb__query *q, const struct umb__receivers *r,
                                        double scale[UMB__RECEIVERS], double depth[UMB__RECEIVERS])
 {
@@ -267,7 +269,7 @@ static inline void umb__receivers_move(const struct umb__query *q, const struct 
 }
 
 /* Places the squares of receivers of parallel light in voxel space. In: cube: width in voxels of
- * the cubes that samples are first told apart by. */
+ * the cubes by which samples are first divided into groups. */
 static inline void umb__receivers_place(const struct umb__query *q, double cube,
                                         struct umb__receivers *r)
 {

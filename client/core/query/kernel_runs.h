@@ -50,16 +50,17 @@ static inline struct umb__closeness umb__compare_points(const struct umb__block 
     return close;
 }
 
-/* Returns a word whose bit i is set if a run begins at point i. Points with and without a look-up
- * are never in one run. */
+/* Returns a word whose bit i is set if a run begins at point i. A run never has both points with a
+ * look-up and points without. */
 static inline uint64_t umb__run_starts(const struct umb__block *block, uint64_t changes)
 {
     uint64_t inside = UINT64_MAX >> (UMB__BLOCK - block->size);
     return (1 | changes | (block->todo ^ block->todo << 1)) & inside;
 }
 
-/* Makes the block of heads. The head of several windows begins at the last texel of its brick at
- * which a window may begin, so that it touches all bricks that any of these windows touches. */
+/* Makes the block of heads: one for each run. The head of several windows begins at the last texel
+ * of its brick at which a window may begin, so that it touches all bricks that any of these windows
+ * touches. */
 static inline void umb__take_heads(const struct umb__query *q, const struct umb__block *block,
                                    uint64_t starts, struct umb__block *heads,
                                    struct umb__runs *runs)
@@ -96,7 +97,7 @@ static inline void umb__read_brick(struct umb__block *block, const uint64_t bric
     }
 }
 
-/* Answers the points of all runs from the bricks of their heads, for one tap. */
+/* For one tap: answers the points of all runs from the bricks of their heads. */
 static inline void umb__read_runs(struct umb__block *block, const struct umb__block *heads,
                                   const struct umb__runs *runs,
                                   const uint64_t *const brick[UMB__BLOCK])

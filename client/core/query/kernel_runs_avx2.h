@@ -20,7 +20,7 @@ static inline __m256i umb__gather_eight(const struct umb__query *q, __m256i x, _
     return _mm256_i32gather_epi32((const int *)(const void *)q->grid, index, 4);
 }
 
-/* umb__grid_block, eight points at a time. */
+/* Does what umb__grid_block does, eight points at a time. */
 static inline void umb__grid_block_avx2(const struct umb__query *q, struct umb__block *block)
 {
     const __m128i level = _mm_cvtsi32_si128((int)(q->log2_size - q->grid_log2));
@@ -75,7 +75,7 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
     }
     const __m128i half = _mm256_castsi256_si128(any) | _mm256_extracti128_si256(any, 1);
     const uint64_t spread = (uint64_t)(half[0] | half[1]);
-    /* The caller masks bits beyond the block's points. */
+    /* The caller ignores the bits beyond the block's points. */
     return (struct umb__closeness){
         ~same << 1, block->todo == UINT64_MAX ? (uint32_t)(spread | spread >> 32) : UINT32_MAX};
 }
@@ -100,7 +100,8 @@ static inline void umb__read_eight(struct umb__block *block, uint32_t i,
     const __m256i seven = _mm256_set1_epi32(7);
     __m256i x = umb__load_eight(block->x + i), y = umb__load_eight(block->y + i);
     __m256i z = umb__load_eight(block->z + i);
-    /* The low three bits choose the word within a half, and the fourth bit the half. */
+    /* The low three bits of the shift choose a word within one half of the brick, and the fourth
+     * bit chooses the half. */
     __m256i which = _mm256_add_epi32(z, z) | (_mm256_srli_epi32(y, 2) & one);
     __m256 word =
         _mm256_blendv_ps(_mm256_castsi256_ps(_mm256_permutevar8x32_epi32(brick.low, which)),

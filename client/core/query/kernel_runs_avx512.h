@@ -10,8 +10,9 @@ static inline __m512i umb__load_sixteen(const int32_t *at)
     return _mm512_loadu_si512(at);
 }
 
-/* Returns the bits in which each of sixteen points differs on an axis from the point before it. In
- * and out: before: the sixteen coordinates before these; then these. */
+/* Returns, for one axis, the coordinate bits in which each of sixteen points differs from the point
+ * before it. In and out: before: on entry the sixteen coordinates before these points, on return
+ * those of these points. */
 static inline __m512i umb__differ_sixteen(const int32_t *axis, __m512i *before)
 {
     const __m512i here = umb__load_sixteen(axis);
@@ -36,7 +37,7 @@ static inline struct umb__closeness umb__compare_points_avx512(const struct umb_
         any |= differ;
         changes |= (uint64_t)_mm512_test_epi32_mask(differ, place) << i;
     }
-    /* The caller masks bits beyond the block's points. */
+    /* The caller ignores the bits beyond the block's points. */
     return (struct umb__closeness){
         changes, block->todo == UINT64_MAX ? (uint32_t)_mm512_reduce_or_epi32(any) : UINT32_MAX};
 }
@@ -98,7 +99,7 @@ static inline void umb__take_many_heads(const struct umb__block *block, uint64_t
     umb__pad_heads_avx512(heads);
 }
 
-/* umb__take_heads for one tap, without the places where runs begin. */
+/* Does what umb__take_heads does for one tap, but does not record where runs begin. */
 static inline void umb__take_heads_avx512(const struct umb__query *q,
                                           const struct umb__block *block, uint64_t starts,
                                           struct umb__block *heads, struct umb__runs *runs)
@@ -131,8 +132,8 @@ static inline __m512i umb__brick_keys(__m512i x, __m512i y, __m512i z)
 /*
  * Lets one head stand for all runs among sixteen that are in one brick. Such runs occur where the
  * border of two bricks crosses several rows of a picture. Eight heads or fewer are not merged,
- * since eight descend at once anyway. spread: spread of the block; unless it is UINT32_MAX, all
- * points have a look-up.
+ * since eight descend at once anyway. In: spread: `spread` of the block (kernel_runs.h). Below
+ * UMB__KEYS_SPREAD it also says that all points have a look-up.
  */
 static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
                                     struct umb__runs *runs)
@@ -162,12 +163,12 @@ static inline void umb__merge_heads(uint32_t spread, struct umb__block *heads,
     }
     heads->todo = ((uint64_t)1 << heads->size) - 1;
     runs->merged = true;
-    if (runs->count > 16) { /* With up to 16, one store made all of them, with zeros behind */
+    if (runs->count > 16) { /* One store wrote up to 16 heads, with zeros behind */
         umb__pad_heads_avx512(heads);
     }
 }
 
-/* Returns the number of runs that these heads stand for. */
+/* Returns the number of runs for which the given heads stand. */
 static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_t heads)
 {
     if (!runs->merged) {
@@ -181,11 +182,11 @@ static inline uint32_t umb__runs_of_avx512(const struct umb__runs *runs, uint64_
     return umb__count_bits(bits & (uint32_t)(((uint64_t)1 << runs->count) - 1));
 }
 
-/* Returns the number of the run of each of eight points, a byte each. In and out: before: number of
- * the run before these points; then that of the last point. */
+/* Returns, in a byte for each of eight points, the number of the point's run. In and out: before:
+ * on entry the number of the run before these points, on return that of the last point's run. */
 static inline uint64_t umb__number_eight(uint64_t starts, uint64_t *before)
 {
-    /* A product with ones in all bytes: the sum of all bytes up to each. */
+    /* The product with a word of ones in all bytes: byte k becomes the sum of bytes 0 to k. */
     const uint64_t eight = (_pdep_u64(starts, UMB__EVERY_BYTE) + *before) * UMB__EVERY_BYTE;
     *before = eight >> 56;
     return eight;
@@ -295,7 +296,8 @@ static inline void umb__read_runs_avx512(struct umb__block *block, const struct 
     }
 }
 
-/* Finds the children of `level` that contain eight heads, as 63 - umb__child_bit. */
+/* Finds for each of eight heads the child of `level` that contains it, as 63 minus the child's bit
+ * (umb__child_bit). */
 static inline __m256i umb__above_eight(const struct umb__block *heads, uint32_t h, uint32_t level)
 {
     const __m128i shift = _mm_cvtsi32_si128((int)level);

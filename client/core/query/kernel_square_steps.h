@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_SQUARE_STEPS_H
 #define UMBRAGE_CORE_QUERY_KERNEL_SQUARE_STEPS_H
-/* Steps of kernel_squares_body.h that are hand-written with vector instructions; here in C. */
+/* Steps of kernel_squares_body.h, in C. Other files have them hand-written with vector
+ * instructions. */
 #include "query/kernel_parts.h"
 #include "query/receivers.h"
 
 #define UMB__SAMPLES 64U /* Samples of a point */
 
-/* Voxels of the samples of a point. Samples outside the frustum have any. */
+/* Voxels of the samples of a point. Samples outside the frustum have any voxel. */
 struct umb__samples {
     _Alignas(64) int32_t x[UMB__SAMPLES];
     int32_t y[UMB__SAMPLES];
@@ -15,14 +16,14 @@ struct umb__samples {
     uint16_t low[3][UMB__SAMPLES]; /* Low 16 bits of x, y and z; only with AVX-512 */
 };
 
-/* Places of the samples in the slices of their bricks; only with AVX-512: the word of 16 bits, and
- * the bit in it. */
+/* Only with AVX-512: places of the samples in the slices of their bricks, as a word of 16 bits and
+ * the bit in that word. */
 struct umb__slice_places {
     _Alignas(64) uint16_t word[UMB__SAMPLES];
     uint16_t bit[UMB__SAMPLES];
 };
 
-/* Places of the samples on the edges of their square, by axis: umb__square_place. */
+/* Positions of the samples along the edges of their square, by axis: umb__square_place. */
 #define UMB__PLACED(i) (((double)(i) + 0.5) / UMB__SQUARE_SAMPLES - 0.5)
 #define UMB__EVERY(i)                                                                              \
     UMB__PLACED(i), UMB__PLACED((i) + 1), UMB__PLACED((i) + 2), UMB__PLACED((i) + 3)
@@ -36,13 +37,14 @@ static const double umb__lattice[2][UMB__SQUARE_SAMPLES] __attribute__((aligned(
      UMB__EACH(24), UMB__EACH(28)},
 };
 
-/* Index of each sample's child in a node of one level. */
+/* For each sample, the index of the child that contains it, in a node of one level. */
 struct umb__child_bytes {
     _Alignas(64) uint8_t of[UMB__SAMPLES];
 };
 
-/* Computes the voxels of the samples of receiver `lane`. Returns the samples inside the frustum. A
- * sample behind the last voxel in z counts as in it. */
+/* Computes the voxels of the samples of receiver `lane`: half of them in its narrow square, half in
+ * its wide one. Returns the samples inside the frustum. A sample behind the last voxel in z counts
+ * as in it. */
 static inline uint64_t umb__place_samples(const struct umb__receivers *r, uint32_t lane,
                                           uint32_t log2_size, struct umb__samples *samples)
 {

@@ -80,7 +80,7 @@ static inline void umb__child_bytes_avx2(const struct umb__samples *samples, uin
     }
 }
 
-/* umb__children_in of samples k .. k + 31. */
+/* Does what umb__children_in does, for the samples k .. k + 31. */
 static inline uint64_t umb__half_in(const struct umb__child_bytes *bytes, uint32_t k, __m256i mask)
 {
     const __m256i bit_of = _mm256_setr_epi8(1, 2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0, 1,

@@ -17,8 +17,9 @@ static inline __m512i umb__floor_words(__m512d v)
                                                    _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC));
 }
 
-/* Places the samples of both squares on one axis. The fused sum is exact in its product: it has the
- * bits of the sum in C. */
+/* Computes the voxel coordinates on one axis of a point's 64 samples: those of its narrow square,
+ * then those of its wide one. The product in the fused multiply-add is by 1/2 and therefore exact,
+ * so the sum has the same bits as in C. */
 UMB__INLINE void umb__place_axis_avx512(const struct umb__receivers *r, uint32_t lane,
                                         unsigned axis, __m512i to[4])
 {

@@ -36,7 +36,8 @@ struct sample_groups {
     uint32_t count;
     uint32_t points; /* Bit p: a group is of point p */
     uint8_t point[GROUPS + 1];
-    uint32_t number[GROUPS + 1]; /* Number of the node or brick; of a first cube its sample */
+    uint32_t number[GROUPS + 1]; /* Number of the node or brick. In a group of a first cube: number
+                                    of a sample in that cube */
     uint64_t samples[GROUPS + 1];
 };
 
@@ -44,8 +45,8 @@ struct sample_groups {
 struct square_block {
     const struct umb__query *query;
     uint32_t count;
-    uint32_t level;          /* Level of the cubes in which the descent begins ... */
-    bool pieces;             /* ... which are pieces of columns; false: cells of the grid */
+    uint32_t level;          /* Level of the cubes at which descents begin, the first cubes */
+    bool pieces;             /* True: these are pieces of columns; false: cells of the grid */
     uint8_t lane[TOGETHER];  /* Receivers of the points */
     uint64_t todo[TOGETHER]; /* By point: samples that need a look-up */
     uint64_t lit[TOGETHER];  /* By point: lit samples so far */
@@ -55,11 +56,11 @@ struct square_block {
         struct umb__slice_places places[TOGETHER];
     };
     struct sample_groups groups[2];
-    /* Groups whose samples are not all in new groups yet */
+    /* Open groups: those with samples that no new group has yet */
     uint8_t open_point[GROUPS];
     const uint64_t *open_node[GROUPS];
     uint64_t open[GROUPS];             /* Samples that are left */
-    const uint32_t *child[GROUPS + 1]; /* By new group: the place of its number */
+    const uint32_t *child[GROUPS + 1]; /* By new group: where its number is stored */
 };
 
 /* Prefetches a node or brick of `level`. */
@@ -73,8 +74,8 @@ static inline uint32_t last_bit(uint64_t bits)
     return 63 - (uint32_t)__builtin_clzll(bits);
 }
 
-/* Chooses where descents begin: at the pieces of columns, or at cells of the grid where pieces are
- * as wide, or so narrow that a square has many. */
+/* Chooses where descents begin: at the pieces of columns or at the cells of the grid. The grid is
+ * chosen if a piece is as large as a cell, or so small that a square touches many pieces. */
 static void choose_start(struct square_block *block)
 {
     const struct umb__query *q = block->query;
@@ -83,7 +84,7 @@ static void choose_start(struct square_block *block)
     block->level = block->pieces ? column : cell;
 }
 
-/* Finds the place of the value of the first cube around a sample. */
+/* Returns the address of the value of a sample's first cube, at which the descent begins. */
 static const uint32_t *find_cube(const struct square_block *block,
                                  const struct umb__samples *samples, uint32_t k)
 {
@@ -99,7 +100,8 @@ static const uint32_t *find_cube(const struct square_block *block,
     return q->pieces + umb__piece_of(column, (uint32_t)z >> level);
 }
 
-/* Makes groups of the samples of a point whose squares are wide: sample by sample. */
+/* Groups the samples of a point by the cubes at which their descents begin. It compares each sample
+ * with all others, so it serves points of any extent; list_compact is faster. */
 static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_groups *to,
                           uint32_t count)
 {
@@ -123,9 +125,9 @@ static uint32_t list_wide(struct square_block *block, uint32_t p, struct sample_
     return count;
 }
 
-/* Makes groups of the samples of the open points by the first cubes, in rounds as group_by_child.
- * The cubes of a point are told apart by the lowest two bits of their places: enough for four
- * cubes. */
+/* Does what list_wide does, for the open points, in rounds as group_by_child does. The samples of
+ * such a point lie within four cubes on each axis, so the lowest two bits of a cube's place on each
+ * axis tell its cubes apart. */
 static uint32_t list_compact(struct square_block *block, uint32_t open, struct sample_groups *to,
                              uint32_t count)
 {
@@ -158,7 +160,8 @@ static uint32_t list_compact(struct square_block *block, uint32_t open, struct s
     return count;
 }
 
-/* Settles the samples in uniform first cubes, and makes groups of the others. */
+/* Settles the samples whose first cube, at which the descent begins, is uniform, and makes groups
+ * of the other samples. */
 static void group_by_cube(const struct umb__receivers *receivers, struct square_block *block,
                           struct sample_groups *to, struct umb_query_stats *stats)
 {
@@ -192,8 +195,8 @@ static void group_by_cube(const struct umb__receivers *receivers, struct square_
     to->count = left;
 }
 
-/* Settles the samples of groups in uniform children of `level`. Returns the number of groups with
- * others, which are open. */
+/* Settles those samples of the groups that lie in uniform children of `level`. Returns the number
+ * of groups that have other samples, the open groups. */
 static uint32_t settle_children(struct square_block *block, uint32_t level,
                                 const struct sample_groups *from)
 {
@@ -217,7 +220,7 @@ static uint32_t settle_children(struct square_block *block, uint32_t level,
     return count;
 }
 
-/* Adds a group of one child of a node. */
+/* Adds a group for one child of a node. */
 UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to, uint32_t at,
                            uint32_t p, uint64_t samples, const uint64_t *node, uint32_t child)
 {
@@ -229,9 +232,9 @@ UMB__INLINE void add_group(struct square_block *block, struct sample_groups *to,
 }
 
 /*
- * Makes the groups of `level` of those above. A round takes two groups out of each open one: those
- * of its outermost samples. Few need a second round. So no branch depends on one group's samples,
- * and the groups of a round do not wait for each other.
+ * Makes the groups of `level` from the open groups of the level above. A round takes two groups out
+ * of each open one: those of its first and of its last sample. Few need a second round. So no
+ * branch depends on one group's samples, and the groups of a round do not wait for each other.
  */
 static void group_by_child(struct square_block *block, uint32_t level,
                            const struct sample_groups *from, struct sample_groups *to,

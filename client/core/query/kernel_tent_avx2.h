@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_TENT_AVX2_H
 #define UMBRAGE_CORE_QUERY_KERNEL_TENT_AVX2_H
-/* The step of kernel_tent_steps.h with AVX2; the same integers. */
+/* The step of kernel_tent_steps.h with AVX2. It gives the same integers as in C. */
 #include <immintrin.h>
 #include "query/kernel_tent_steps.h"
 
-/* Weighted bits of each byte: a set bit weighs 1 << plane. */
+/* Returns, for each byte, the number of set bits times 1 << plane. */
 UMB__INLINE __m256i umb__weigh_bytes_avx2(__m256i words, uint32_t plane)
 {
     const __m256i low = _mm256_set1_epi8(15);
@@ -15,7 +15,7 @@ UMB__INLINE __m256i umb__weigh_bytes_avx2(__m256i words, uint32_t plane)
     return _mm256_add_epi8(_mm256_shuffle_epi8(of, words & low), _mm256_shuffle_epi8(of, high));
 }
 
-/* umb__weigh_one, the slices of a row of bricks at once. */
+/* Does what umb__weigh_one does, with the slices of a row of bricks at once. */
 UMB__INLINE uint32_t umb__weigh_one_avx2(const struct umb__tent *tent, struct umb__voxel at,
                                          uint32_t side, const uint64_t *const *brick)
 {

@@ -18,15 +18,16 @@
 struct umb__tent {
     _Alignas(64) uint64_t columns[UMB__TENT_PLANES][3][8]; /* Texels whose weight on x has bit p */
     uint64_t rows[3][8];                                   /* Weight on y, a byte a row */
-    uint64_t even[3][8]; /* Those of the even rows in words of 16 bits, the last row first ... */
-    uint64_t odd[3][8];  /* ... and those of the odd rows */
+    /* Weights on y of the even rows in words of 16 bits, the last row first ... */
+    uint64_t even[3][8];
+    uint64_t odd[3][8]; /* ... and those of the odd rows */
     /* Only with AVX2: columns of the bricks of a row side by side, the fourth 0 */
     _Alignas(32) uint64_t beside[UMB__TENT_PLANES][8][4];
 };
 
 static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)
 {
-    uint8_t weights[40] = {0}; /* Of the texels from eight before the window on */
+    uint8_t weights[40] = {0}; /* Weights of the texels from eight before the window on */
     uint32_t bits[UMB__TENT_PLANES] = {0};
     for (int32_t i = 0; i < taps; i++) {
         const int32_t weight = i + 1 < taps - i ? i + 1 : taps - i;
@@ -50,7 +51,7 @@ static inline void umb__tent_make(int32_t taps, struct umb__tent *tent)
     }
 }
 
-/* Returns the bits set in each byte of a word. */
+/* Returns the number of set bits in each byte of a word. */
 static inline uint64_t umb__count_each_byte(uint64_t bits)
 {
     bits -= bits >> 1 & UINT64_C(0x5555555555555555);
@@ -58,8 +59,9 @@ static inline uint64_t umb__count_each_byte(uint64_t bits)
     return (bits + (bits >> 4)) & UINT64_C(0x0f0f0f0f0f0f0f0f);
 }
 
-/* Returns the weight of the lit texels of a window. In: side: bricks on each axis; brick: those
- * bricks. The products' upper words are sums of four weighted rows; no sum reaches 2^16. */
+/* Returns the weight of the lit texels of a window. In: side: number of bricks on each axis. brick:
+ * the bricks that the window touches. The upper words of the products are sums of four weighted
+ * rows; no sum reaches 2^16. */
 UMB__INLINE uint32_t umb__weigh_one(const struct umb__tent *tent, struct umb__voxel at,
                                     uint32_t side, const uint64_t *const *brick)
 {
@@ -81,7 +83,8 @@ UMB__INLINE uint32_t umb__weigh_one(const struct umb__tent *tent, struct umb__vo
     return lit;
 }
 
-/* Adds up the weights of the windows of all runs whose heads are given; as umb__count_windows. */
+/* Adds up the weights of the windows of all runs whose heads are given. The arguments are those of
+ * umb__count_windows. */
 UMB__INLINE void umb__weigh_windows(const struct umb__tent *tent, struct umb__block *block,
                                     uint64_t heads, const struct umb__runs *runs, uint32_t side,
                                     const uint64_t *const *brick)

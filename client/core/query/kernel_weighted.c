@@ -109,7 +109,7 @@ static bool is_uniform(const struct umb__place *place, const struct umb__window 
            w->y0 >> place->level == w->y1 >> place->level;
 }
 
-/* Returns the weight of the lit texels around a moved point. In: window: its window. */
+/* Returns the weight of the lit texels around a moved point. In: window: the point's window. */
 UMB__INLINE uint32_t look_up(const struct umb__query *q, const double v[3],
                              const struct umb__window *window, const uint16_t *weights,
                              uint32_t row, struct umb_query_stats *stats)

@@ -4,15 +4,15 @@
 /* Steps of kernel_windows.h that are hand-written with vector instructions. */
 #include "query/kernel_runs.h"
 
-/* Masks of the texels of a slice that lie in a window, by columns and by rows. The window begins at
- * texel 0..7 of its first brick; mask k is for the k-th brick from there. */
+/* Masks of the texels of a brick's slice that lie in a window, by columns and by rows. The window
+ * begins at texel 0..7 of its first brick; mask k is for the k-th brick from there. */
 struct umb__window_masks {
     _Alignas(64) uint64_t columns[3][8];
     uint64_t rows[3][8];
     /* Only with AVX-512: masks of the bricks that a window touches, by columns and by rows. The
-     * window begins at texel 0..31 of a cell. Two equal words, for the two masks of a node, have a
-     * bit for each of a cell's sixteen bricks. There are words for that cell, for the cell to the
-     * right, and for the two cells below. */
+     * window begins at texel 0..31 of a cell. A mask has a bit for each of a cell's sixteen bricks,
+     * and is stored twice, for the two masks of a node. There are words for that cell, for the cell
+     * to the right, and for the two cells below. */
     uint64_t cell_columns[32][8], cell_rows[32][8];
 };
 
@@ -28,7 +28,7 @@ static inline void umb__make_masks(int32_t taps, struct umb__window_masks *masks
 }
 
 /* Returns the states of the bricks that a window touches. Bit 0: one is mixed; bit 1: one is lit;
- * bit 2: one is shadowed. Mixed bricks may set bit 1 or 2, too. at: the window's first texel;
+ * bit 2: one is shadowed. Mixed bricks may set bit 1 or 2, too. In: at: the window's first texel.
  * corner: the nodes of its cells. */
 UMB__INLINE uint32_t umb__touched_states(const struct umb__window_masks *masks,
                                          struct umb__voxel at, uint32_t reach,

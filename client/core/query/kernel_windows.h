@@ -14,7 +14,7 @@
 #include "query/kernel_window_steps.h"
 
 /* Lists the level-5 cells that the windows touch. With `share`, consecutive windows that begin in
- * one cell use the same slot, which then lists all cells that any of these windows touches. */
+ * the same cell share slots; the slots then have all cells that any of these windows touches. */
 UMB__INLINE uint32_t list_cells(const struct umb__query *q, const struct umb__block *block,
                                 bool share, struct umb__cells *cells)
 {
@@ -106,9 +106,9 @@ static void find_cells(const struct umb__query *q, const struct umb__block *bloc
 #define KNOWN_LOG2  8U
 #define KNOWN_CELLS (1U << KNOWN_LOG2)
 
-/* A cache of the nodes of cells found for earlier blocks; a hash of the key gives the place. Key 0
- * marks an empty place. steps: nodes that the search read, which also count when the cache
- * answers. */
+/* A cache of the nodes of cells that were found for earlier blocks. A hash of the cell's key gives
+ * its place; key 0 marks an empty place. `steps` is the number of nodes that the search read, which
+ * also count when the cache answers. */
 struct known_cells {
     uint64_t key[KNOWN_CELLS];
     const uint64_t *node[KNOWN_CELLS];
@@ -223,12 +223,12 @@ UMB__INLINE void find_bricks(const struct umb__query *q, const struct umb__block
     }
 }
 
-#define GRID_IDLE_BLOCKS  3U /* The grid is tried often: windows that it settles cost least */
+#define GRID_IDLE_BLOCKS  3U /* The grid stage is tried often: windows that it settles cost least */
 #define SLABS_IDLE_BLOCKS 15U
-#define WINDOW_RUNS_MAX   56U /* UMB__RUNS_MAX of windows, whose descents cost more than points' */
+#define WINDOW_RUNS_MAX   56U /* UMB__RUNS_MAX for windows. Their descents cost more than points' */
 
-/* Number of blocks for which each of the two stages that settle windows early is still skipped,
- * after it settled almost nothing. */
+/* Number of further blocks for which a stage is skipped because it settled almost no window. There
+ * are two such stages, which settle windows early. */
 struct idle_stages {
     uint32_t grid, slabs;
 };
@@ -240,7 +240,8 @@ static bool stage_is_due(uint32_t *idle)
     return *idle == 0;
 }
 
-/* Returns for how many blocks to skip a stage; 0 if it settled more than `few` windows. */
+/* Returns the number of blocks for which a stage is to be skipped; 0 if it settled more than `few`
+ * windows in this block. */
 static uint32_t idle_after(uint64_t before, uint64_t after, uint32_t few, uint32_t blocks)
 {
     bool idle = before != 0 && umb__count_bits(before & ~after) <= few;

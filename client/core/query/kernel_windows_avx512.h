@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_AVX512_H
 #define UMBRAGE_CORE_QUERY_KERNEL_WINDOWS_AVX512_H
-/* The steps of kernel_window_steps.h with AVX-512; the same integers. */
+/* The steps of kernel_window_steps.h with AVX-512. They give the same integers as in C. */
 #include "query/kernel_runs_avx512.h"
 #include "query/kernel_tent_avx2.h"
 #include "query/kernel_window_steps.h"
@@ -20,7 +20,7 @@ static inline void umb__make_masks_avx512(int32_t taps, struct umb__window_masks
     }
 }
 
-/* umb__take_heads, up to sixteen heads of a whole block at once. */
+/* Does what umb__take_heads does, up to sixteen heads of a whole block at once. */
 static inline void umb__take_windows_avx512(const struct umb__query *q,
                                             const struct umb__block *block, uint64_t starts,
                                             struct umb__block *heads, struct umb__runs *runs)
@@ -29,7 +29,7 @@ static inline void umb__take_windows_avx512(const struct umb__query *q,
         umb__take_heads(q, block, starts, heads, runs);
         return;
     }
-    /* Runs of one point begin before another start, or at the end. */
+    /* A run has one point if the next run, or the end, follows at once. */
     const uint64_t several = starts & ~(starts >> 1 | (uint64_t)1 << (UMB__BLOCK - 1));
     const __m512i seven = _mm512_set1_epi32(7);
     const __m512i last = _mm512_set1_epi32(((int32_t)1 << q->log2_size) - q->taps);
@@ -56,7 +56,7 @@ static inline void umb__take_windows_avx512(const struct umb__query *q,
     heads->todo = _pext_u64(block->todo, starts);
 }
 
-/* umb__spread_settled, sixteen windows at a time. */
+/* Does what umb__spread_settled does, sixteen windows at a time. */
 static inline void umb__spread_settled_avx512(struct umb__block *block,
                                               const struct umb__block *heads, uint64_t settled,
                                               const struct umb__runs *runs)
@@ -78,7 +78,7 @@ static inline void umb__spread_settled_avx512(struct umb__block *block,
     }
 }
 
-/* Bits set in each byte of eight words. */
+/* Returns the number of set bits in each byte of eight words. */
 static inline __m512i umb__count_bytes(__m512i words)
 {
     const __m512i low = _mm512_set1_epi8(15);
@@ -112,7 +112,7 @@ UMB__INLINE __m256i umb__count_eight(const struct umb__window_masks *masks,
 }
 
 /* Does what umb__count_windows does, eight windows of a run at a time. If every run has one point,
- * it counts singly. */
+ * the windows are counted one by one. */
 UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks,
                                            struct umb__block *block, uint64_t heads,
                                            const struct umb__runs *runs, uint32_t side,
@@ -136,7 +136,7 @@ UMB__INLINE void umb__count_windows_avx512(const struct umb__window_masks *masks
     }
 }
 
-/* Weighted bits of each byte of eight words: a set bit weighs 1 << plane. */
+/* Returns, for each byte of eight words, the number of set bits times 1 << plane. */
 UMB__INLINE __m512i umb__weigh_bytes(__m512i words, uint32_t plane)
 {
     const __m512i low = _mm512_set1_epi8(15);
@@ -172,7 +172,8 @@ UMB__INLINE __m256i umb__weigh_eight(const struct umb__tent *tent, const struct 
     return _mm512_cvtepi64_epi32(_mm512_add_epi32(sums, _mm512_srli_epi64(sums, 32)));
 }
 
-/* Does what umb__weigh_windows does, as umb__count_windows_avx512 counts. */
+/* Does what umb__weigh_windows does, eight windows of a run at a time as in
+ * umb__count_windows_avx512. */
 UMB__INLINE void umb__weigh_windows_avx512(const struct umb__tent *tent, struct umb__block *block,
                                            uint64_t heads, const struct umb__runs *runs,
                                            uint32_t side, const uint64_t *const *brick)
@@ -195,7 +196,7 @@ UMB__INLINE void umb__weigh_windows_avx512(const struct umb__tent *tent, struct 
     }
 }
 
-/* umb__touched_states, four cells at a time. */
+/* Does what umb__touched_states does, four cells at a time. */
 UMB__INLINE uint32_t umb__touched_states_avx512(const struct umb__window_masks *masks,
                                                 struct umb__voxel at, uint32_t reach,
                                                 const uint64_t *const corner[4])

@@ -2,7 +2,8 @@
 /* Chooses the kernels by what the processor has. */
 #include "query/kernels.h"
 
-#define FEW 512U /* Number of points up to which a change of the processor's clock does not pay */
+/* Number of points of a batch up to which a change of the processor's clock does not pay */
+#define FEW 512U
 
 /* Runs short batches with AVX2 and others with AVX-512. Wide vectors lower the processor's clock,
  * but pay for longer batches, because points are placed in fixed point (kernel_place_avx512.h). */

@@ -19,14 +19,15 @@
 /* Least ratio of the light's two extents as the receiver sees it, edge-on or long and narrow. */
 #define THIN 0x1p-10
 
-/* Least value of 1 - q W.d. Smaller ones belong to receivers as near as the light is large. */
+/* Least value of 1 - q W.d (lamp_penumbra.h). Smaller values occur only if the receiver is as near
+ * to the light as the light is large. */
 #define NEAR_MIN 0.125
 
 /* Share of the way to a point of the light at which the last look-up is made. */
 #define BEFORE_LIGHT 0.998
 
-/* Points of the light: L + a[i] * first + b[i] * second, where first and second are the light's
- * half axes. */
+/* A lattice of points on the light: point i is L + a[i] * first + b[i] * second, where L is the
+ * light's position, and first and second are its half axes. */
 struct lattice {
     double a[UMB__LAMP_SAMPLES], b[UMB__LAMP_SAMPLES];
 };
@@ -55,7 +56,7 @@ struct receiver {
     const struct face *face;
     uint32_t number;      /* Number of the face */
     double x, y, q;       /* Place */
-    double direction[3];  /* From the light through the receiver, where W = 1 */
+    double direction[3];  /* Vector from the light towards the receiver, of W = 1 */
     double slope[2][2];   /* Slopes of the half axes: texels of x and y for each unit of q */
     double shift[2];      /* q W.d of the half axes */
     double inverse[2][2]; /* Inverse of `slope`: half axes for each texel, times q */
@@ -63,8 +64,8 @@ struct receiver {
     double plane[2];      /* Change of q of the receiver's plane over a texel */
     double front[3];      /* Height over the light's plane of `direction`, and its change over a
                              texel */
-    double above[3];      /* Height over the receiver's horizon: of the light's middle, and its
-                             change over the half axes */
+    double above[3];      /* Height above the receiver's horizon of the light's middle, and the
+                             change of that height over each half axis */
     bool has_normal;
     double normal[3];  /* Unit normal; 0 without one */
     double bias_m;     /* Length by which the receiver was moved */
@@ -145,7 +146,8 @@ struct place {
     double direction[3]; /* From the light, where W = 1 in the receiver's face */
 };
 
-/* Finds the face that answers at (x, y) of the receiver's map, by the rule for points. */
+/* Finds the face that answers at (x, y) of the receiver's map, by the rule for points
+ * (perspective.h). */
 static struct place place_of(const struct receiver *r, double x, double y)
 {
     const struct lamp *lamp = r->lamp;
@@ -173,7 +175,7 @@ static struct place place_of(const struct receiver *r, double x, double y)
     return place;
 }
 
-/* Returns whether a coordinate lies in the face's frustum; false for NaN. */
+/* Returns whether a texel coordinate lies inside a face's frustum; false for NaN. */
 static bool is_inside(double at, double size)
 {
     return at >= 0 && at < size;
@@ -191,8 +193,9 @@ struct search {
  * Returns the least difference of q at which an occluder in column (x, y) is before the light;
  * INFINITY if it never is, since the column lies behind the light.
  *
- * With (a, b) the place that the column has on the light when g = 1 and all rays were parallel, an
- * occluder at g lies before the light's point (a, b) / (g + a h0 + b h1), where h is `shift`.
+ * Let g be the difference of q, and (a, b) the point of the light before which the column would lie
+ * if g were 1 and all rays were parallel. An occluder at g lies before the light's point (a, b) /
+ * (g + a h0 + b h1), where h is `shift`.
  */
 static double gap_of(const struct receiver *r, int64_t x, int64_t y)
 {
@@ -204,7 +207,8 @@ static double gap_of(const struct receiver *r, int64_t x, int64_t y)
     return is_front ? fmax(near - a * r->shift[0] - b * r->shift[1], 0) : INFINITY;
 }
 
-/* Returns the last voxel of a face whose centre is at W or before; below 0: none. */
+/* Returns the last voxel of a column in a face whose centre is at W or nearer to the light; below
+ * 0: none. */
 static double limit_of(const struct face *face, double w)
 {
     return fmax(fmin(floor((w - face->offset) / face->scale - 0.5), face->size - 1), -1);
@@ -247,8 +251,9 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
     }
 }
 
-/* Returns whether no column up to `outer` texels away has a blocker at W or before. Where columns
- * stay shadowed and the texels belong to one face, one slice proves that. */
+/* Returns whether no column up to `outer` texels away has a blocker at W or nearer to the light.
+ * Where columns stay shadowed behind their first occluder and the texels belong to one face, one
+ * slice proves that. */
 static bool is_clear(const struct search *s, double w, int64_t outer, struct umb_query_stats *stats)
 {
     const struct face *face = s->r->face;
@@ -293,7 +298,8 @@ struct cache {
     bool is_known;
 };
 
-/* Returns whether a voxel is lit. Voxels outside the frustum are. In: w: W in the place's face. */
+/* Returns whether a voxel is lit. Voxels outside the frustum are lit. In: w: W in the place's
+ * face. */
 static bool is_lit(struct lamp *lamp, const struct place *at, double w, struct cache *cache)
 {
     struct face *face = &lamp->faces[at->number];
@@ -313,7 +319,8 @@ static bool is_lit(struct lamp *lamp, const struct place *at, double w, struct c
                               : cache->place.lit;
 }
 
-/* Moves a place in another face off the receiver's plane as far as that face's voxels need. */
+/* Moves a place in another face away from the receiver's plane, as far as the bias for that face's
+ * voxels requires. */
 static double leave_plane(const struct receiver *r, double w, struct place *at)
 {
     const struct umb_frustum_info *info = r->lamp->faces[at->number].info;
@@ -335,7 +342,8 @@ static double leave_plane(const struct receiver *r, double w, struct place *at)
     return w;
 }
 
-/* Returns whether the light's point whose rays pass the blockers (dx, dy) texels away is seen. */
+/* Returns whether the receiver sees one point of the light: the point whose ray passes the
+ * blockers' distance (dx, dy) texels from the receiver. */
 static bool is_seen(const struct receiver *r, double dx, double dy, double gap, struct cache *cache)
 {
     const double rise = r->has_normal ? dx * r->plane[0] + dy * r->plane[1]
@@ -348,7 +356,8 @@ static bool is_seen(const struct receiver *r, double dx, double dy, double gap, 
     return is_lit(r->lamp, &at, w, cache);
 }
 
-/* Returns the share of the light's points that the receiver sees past blockers at `gap`. */
+/* Returns the share of the light's points that the receiver sees, if `gap` is the difference of q
+ * between the blockers and the receiver. */
 static double share_of(const struct receiver *r, double gap, const double width[2])
 {
     const struct lattice *lattice = &r->lamp->lattice;
@@ -375,7 +384,8 @@ static double share_of(const struct receiver *r, double gap, const double width[
 
 /* --- receivers -------------------------------------------------------------------------------- */
 
-/* Makes the light at least THIN as wide as it is long, and inverts its slopes. */
+/* Computes the inverse of `slope`. If the light looks narrower than THIN times its length, it is
+ * widened to that first, so that the inverse exists. */
 static void set_inverse(struct receiver *r)
 {
     double(*s)[2] = r->slope;
@@ -438,7 +448,7 @@ static void set_plane(struct receiver *r, const double from[3])
     }
 }
 
-/* Sets up how far the receiver is from the texels of other faces. */
+/* Computes the distance, in texels, from the receiver to the texels of other faces. */
 static void set_territory(struct receiver *r)
 {
     const struct umb__query *q = r->lamp->q;
@@ -538,7 +548,8 @@ void umb__lamp_penumbra(const struct umb__query *query, const struct umb_points 
             answers->stats.nodes += occluders->read.nodes;
             answers->stats.bricks += occluders->read.bricks;
             occluders->read = (struct umb_volume_stats){0};
-            occluders->last = UINT32_MAX; /* Counts do not depend on the points before */
+            /* Counts of nodes and bricks do not depend on the points before */
+            occluders->last = UINT32_MAX;
         }
     }
     answers->stats.points += count;

@@ -17,10 +17,10 @@
  * answers there.
  *
  * The answer is the mean of UMB__LAMP_SAMPLES look-ups at the places in which rays to points of the
- * light pass the blockers' mean distance. A light that is seen obliquely, or a long narrow one, so
- * keeps its shape. Each look-up is at the depth of the receiver's plane, at most halfway to the
- * blockers, so that the receiver casts no shadow on itself. Points of the light behind the
- * receiver's horizon are dark.
+ * light pass the blockers' mean distance. So a long narrow light, or one seen obliquely, keeps its
+ * shape. Each look-up is at the depth of the receiver's plane, at most halfway to the blockers, so
+ * that the receiver casts no shadow on itself. Points of the light behind the receiver's horizon
+ * are dark.
  *
  * Precision: doubles; the same bits on all machines. q and its differences are right to 2^-52 of q,
  * which is 2^-52 W of depth at the receiver.

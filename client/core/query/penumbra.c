@@ -7,9 +7,8 @@
  *
  * The box lies at one depth, and a sloping receiver would shadow itself under it. So the box is
  * moved towards the light until the receiver's plane is behind all of it. The move is along the
- * light, not along the normal, so that no edge is displaced. The box passes the blockers only on
- * grazing surfaces, since it is half as wide as a cone of the light is high. There it moves at most
- * half the way to them.
+ * light, not along the normal, so that no edge is displaced. Only on surfaces that graze the light
+ * could the box move past the blockers. There it moves at most half the way to them.
  */
 #include "base/try.h"
 #include "query/first_occluder.h"
@@ -42,7 +41,8 @@ static double limit_of(const struct search *s, double gap)
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Returns the depth in voxels over which the cone grows to texel `texel` on an axis. */
+/* Returns the depth in voxels over which the cone of the light's rays widens on an axis until it
+ * reaches texel `texel`. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;
@@ -79,7 +79,7 @@ static void add_ring(struct search *s, int64_t inner, int64_t outer, int64_t str
 }
 
 /* Returns whether no column up to `outer` texels away has a blocker at voxel `limit` or before.
- * Where columns stay shadowed, one slice proves that. */
+ * Where columns stay shadowed behind their first occluder, one slice proves that. */
 static bool is_clear(struct search *s, double limit, int64_t outer, struct umb_query_stats *stats)
 {
     const struct umb__slice slice = {&s->occluders.tree, stats, (int64_t)limit};
@@ -182,7 +182,8 @@ static struct umb__real_box box_of(const struct umb__query *q, const double v[3]
 }
 
 /* Returns whether the receiver is in full shadow whatever the blocker: if the widest box, at the
- * depth nearest to the light, has no lit texel. Only where columns stay shadowed. */
+ * depth nearest to the light, has no lit texel. Only for columns that stay shadowed behind their
+ * first occluder. */
 static bool is_umbra(const struct umb__query *q, const double v[3], struct slope slope,
                      const struct umb__tree *tree, struct umb_query_stats *stats)
 {
@@ -241,7 +242,7 @@ static double extent_of(const struct umb__plan *plan)
     return plan->settings->light_extent > 0 ? plan->settings->light_extent : plan->light->extent;
 }
 
-/* Checks that a sun has an extent. */
+/* Checks that a directional light has an angular extent. */
 static enum umb_status check_sun(const struct umb__plan *plan, struct umb_error *error)
 {
     const double extent = extent_of(plan);

@@ -34,8 +34,8 @@ static uint32_t face_of(const struct umb__query *q, const double p[3], double *w
 }
 
 /*
- * Returns the metres along the unit normal n that keep the plane of the surface behind the whole
- * window.
+ * Returns the length in metres of a move along the unit normal n after which the plane of the
+ * surface is behind the whole window.
  *
  * In the moved point's slice of depth, which is a plane across the axis, a voxel is exactly W times
  * step[0] or step[1] wide. Along the ray it is (p - position) / W times the slice's thickness, and
@@ -129,7 +129,7 @@ static double within(double v, double limit)
     return v > -limit ? (v < limit ? v : limit) : -limit; /* NaN becomes -limit */
 }
 
-/* Fills in the voxel of the moved point. */
+/* Computes the voxel coordinates of the moved point. */
 static void to_voxel(const struct umb__query *q, double w, struct umb__sighting *s)
 {
     const struct umb_frustum_info *face = &q->faces[s->face];
@@ -236,7 +236,8 @@ struct chunk {
     uint32_t lit[CHUNK];
 };
 
-/* Returns the number that answers are counted in: weights of the window, or halves of a cell. */
+/* Returns the count that stands for a wholly lit answer: the sum of the window's weights. A coarse
+ * look-up answers 0, 1/2 or 1, so it counts halves. */
 static uint32_t counted_in(const struct umb__query *q)
 {
     return q->level > 0 ? 2 : q->total;
@@ -305,7 +306,8 @@ static int32_t taps_at(const struct umb__query *q, const struct umb_points *poin
     return half < UMB_TAPS_MAX / 2 ? 2 * (int32_t)half + 1 : UMB_TAPS_MAX;
 }
 
-/* Answers windows of a width in metres: the points of each width as a batch of their own. */
+/* Answers windows with a width in metres. Points whose windows have the same width in texels form a
+ * batch of their own. */
 static void width_run(const struct umb__query *q, const struct umb_points *points, size_t first,
                       size_t count, struct umb_answers *answers)
 {
@@ -343,7 +345,7 @@ static bool applies(const struct umb__plan *plan)
     return plan->light->kind != UMB_LIGHT_DIRECTIONAL;
 }
 
-/* Sets up what does not depend on the point. */
+/* Sets up the values that do not depend on the point. */
 static void set(const struct umb__plan *plan, struct umb__query *q)
 {
     const uint32_t first = plan->light->first_frustum;

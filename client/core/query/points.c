@@ -9,9 +9,9 @@
 #define CHECK_WORDS 96 /* divides into whole points */
 
 /*
- * Returns whether none of CHECK_WORDS numbers is infinite or NaN. The exponent is in the upper 32
- * bits of either format. For finite numbers, adding one to its lowest bit never changes the sign
- * bit. The loop has no branch and a fixed length, so compilers vectorise it.
+ * Returns whether all of CHECK_WORDS numbers are finite. The exponent is in the upper 32 bits of
+ * either format. For finite numbers, adding one to its lowest bit never changes the sign bit. The
+ * loop has no branch and a fixed length, so compilers vectorise it.
  */
 UMB__INLINE bool all_finite(const uint8_t *bytes, bool wide)
 {

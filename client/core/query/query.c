@@ -73,7 +73,7 @@ static void set_bias(const struct umb__plan *plan, struct umb__query *q)
 
 static const struct umb__stage bias_stage = {is_parallel, set_bias};
 
-/* The stages around the kernel, from it outwards. */
+/* The stages around the kernel, from the outermost one inwards. */
 static const struct umb__stage *const STAGES[] = {
 #ifndef UMB_WITHOUT_LEVELS
     &level_stage,
@@ -99,7 +99,8 @@ static enum umb_status choose_taps(const struct umb__plan *plan, int32_t *taps,
     if (wanted == 0 || plan->filter->info.has_footprints) {
         return UMB_OK;
     }
-    if (!is_parallel(plan)) { /* Texels grow with the distance: each point has its own width */
+    if (!is_parallel(plan)) { /* Texels of a lamp grow with the distance, so each point has a width
+                                 of its own */
         *taps = UMB_TAPS_MAX;
         return wanted > 0 && wanted <= UMB_FOOTPRINT_MAX
                    ? UMB_OK

@@ -22,15 +22,15 @@
 struct umb__query;
 struct umb__kernels;
 
-/* A kernel, or a stage around one: answers points first .. first + count - 1 as umb_query_run
- * does. */
+/* A function that answers the points first .. first + count - 1 as umb_query_run does: a kernel, or
+ * a stage around one. */
 typedef void umb__kernel(const struct umb__query *query, const struct umb_points *points,
                          size_t first, size_t count, struct umb_answers *answers);
 typedef umb__kernel *umb__kernel_fn;
 
 /* Content of struct umb_query. */
 struct umb__query {
-    /* Stages that answer a batch, from the outermost one inwards (query.c). */
+    /* Functions of the stages, from the outermost one inwards (query.c). */
     umb__kernel *run;                  /* Outermost stage */
     umb__kernel *footprint_inner;      /* Stage inside that of footprints */
     umb__kernel *receiver_mask_inner;  /* Stage inside that of the receiver mask */
@@ -81,7 +81,8 @@ struct umb__query {
     /* Translucent casters (transmittance_stage.c). */
     const struct umb__trans *trans; /* Transmittance maps; NULL: the stage is left out */
     int32_t transmittance_taps;     /* Width in voxels of the box whose transmittance is averaged */
-    int32_t transmittance_bias_taps;  /* Number of taps whose bias moves points for that box */
+    int32_t transmittance_bias_taps;  /* Number of taps of a window whose bias moves the points for
+                                         that box */
     double transmittance_no_normal_m; /* Bias no_normal_m for that box */
     /* The static rule (receiver_mask_stage.c). */
     const uint64_t *receiver_mask_cells; /* Mask of the frustum; NULL: the stage is left out */
@@ -160,7 +161,7 @@ static inline bool umb__is_normal(double length2)
     return length2 > 0 && length2 <= UMB__LENGTH2_MAX;
 }
 
-/* Makes a batch of the points first .. first + count - 1 of another. */
+/* Makes a batch of the points first .. first + count - 1 of another batch. */
 static inline struct umb_points umb__some_points(const struct umb_points *points, size_t first,
                                                  size_t count)
 {
@@ -175,8 +176,8 @@ static inline struct umb_points umb__some_points(const struct umb_points *points
 
 /*
  * Shift of a look-up in depth, in voxels. The receiver's plane falls by slope[0] and slope[1]
- * voxels of depth a texel on x and y; the shift counts from its depth at the centre of the point's
- * texel.
+ * voxels of depth for each texel on x and y. The shift counts from the plane's depth at the centre
+ * of the point's texel.
  */
 struct umb__lift {
     double depth;    /* Towards the light */
@@ -189,11 +190,12 @@ struct umb__lift {
  *
  * The plane of the surface must stay on the far side of the whole window: the centres of its voxels
  * lie within taps/2 voxels of the point in x and y and half a voxel in z, and n.(x ex + y ey + z
- * ez) is linear. So a look-up must move by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n. The
- * lift does that along the light, by s / |n.ez| voxels of depth, which displaces no edge of a
- * shadow. From the plane's depth at the centre of the window itself, taps - 1 suffice. A point that
- * grazes the light would need a long lift. It gets the longest one, and moves along n for the rest:
- * s n = n * (sum for the unscaled normal) / |n|^2, so no root is taken.
+ * ez) is linear. So a look-up must move by s >= (taps (|n.ex| + |n.ey|) + |n.ez|) / 2 along n. A
+ * lift along the light by s / |n.ez| voxels of depth does the same and displaces no edge of a
+ * shadow. If the lift starts from the plane's depth at the centre of the window, taps - 1 suffice
+ * in place of taps. A surface that grazes the light would need a long lift. It gets the longest
+ * lift allowed, and moves along n for the rest: s n = n * (sum for the unscaled normal) / |n|^2, so
+ * no root is taken.
  */
 static inline double umb__lift_auto(const struct umb__query *q, const double n[3], double length2,
                                     struct umb__lift *lift)

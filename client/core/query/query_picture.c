@@ -17,8 +17,8 @@ enum {
     ZSTD_FAST = 1
 };
 
-/* The camera's axes: forward of length 1, right and up of half the picture's width and height at
- * distance 1. */
+/* The camera's axes: `forward` has length 1; `right` and `up` are half the picture's width and
+ * height at distance 1. */
 struct axes {
     double forward[3], right[3], up[3];
 };

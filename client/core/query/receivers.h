@@ -13,7 +13,7 @@
 #define UMB__SQUARE_SAMPLES 32U /* Look-ups of a square: a rank-1 lattice over it ... */
 #define UMB__SQUARE_STRIDE  25U /* ... whose generator meets edges of all directions best */
 
-/* A receiver a lane. Flags are 0 or 1 in words as wide as the doubles. */
+/* Receivers of a block, one in each lane. Flags are 0 or 1 in words as wide as the doubles. */
 struct umb__receivers {
     uint32_t count;
     _Alignas(
@@ -30,8 +30,8 @@ struct umb__receivers {
     uint64_t window[UMB__RECEIVERS]; /* 1: the window is the answer */
     uint64_t both[UMB__RECEIVERS];   /* 1: the level below is a square, too; 0: the window */
     double mean[2][UMB__RECEIVERS];  /* Lit share of the squares of the levels below and above */
-    /* Squares of a sun's levels in voxel space: below, above. Edges are those of the square above.
-     * The square below has the same directions and is half as wide. */
+    /* For a sun: the squares of the levels below and above the footprint, in voxel space. Edges are
+     * those of the square above. The square below has the same directions and is half as wide. */
     double centre[2][3][UMB__RECEIVERS];
     double edge[2][3][UMB__RECEIVERS];
     double voxel[3][UMB__RECEIVERS];  /* Where one tap is looked up */

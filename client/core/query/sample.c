@@ -46,7 +46,8 @@ struct sampling {
     uint32_t next, cell; /* Its number, and that of its cell */
     uint32_t misses;     /* Number of cells where it was not found */
     struct umb__draws draws;
-    uint32_t stride;   /* Step between the places of points, prime to their number */
+    uint32_t stride;   /* Step between the places of consecutive points in the sample; it has no
+                          common divisor with their number */
     double *positions; /* [3 * settings->count]; NAN at first */
 };
 
@@ -57,7 +58,7 @@ static double *place_of(const struct sampling *s, uint32_t point)
     return s->positions + 3 * (size_t)((uint64_t)point * s->stride % s->settings->count);
 }
 
-/* Returns true unless the static rule leaves a voxel undefined. */
+/* Returns false for a voxel that is undefined under the static rule, else true. */
 static bool is_receiver(const struct sampling *s, const uint32_t voxel[3])
 {
     const uint64_t *mask = s->asset->canonical.content.receiver_mask_cells;
@@ -66,7 +67,7 @@ static bool is_receiver(const struct sampling *s, const uint32_t voxel[3])
                                   s->tree.log2_size, voxel);
 }
 
-/* Returns true if queries look a point up in this voxel, and their answer there has a meaning. */
+/* Returns true if queries look a point up in this voxel, and the voxel is not undefined. */
 static bool is_looked_up_in(const struct sampling *s, const double p[3], const uint32_t voxel[3])
 {
     struct umb_points points = {.positions = p, .format = UMB_POINT_F64, .count = 1};
@@ -84,7 +85,8 @@ static bool is_looked_up_in(const struct sampling *s, const double p[3], const u
     return is_receiver(s, voxel);
 }
 
-/* Draws a point in one of a boundary's voxels. Returns false if queries do not answer from it. */
+/* Draws a point in one of a boundary's two voxels. Returns false if a query of the point does not
+ * read that voxel. */
 static bool draw_at(struct sampling *s, const struct umb__boundary *boundary, double p[3])
 {
     const uint32_t *voxel = umb__draw(&s->draws) & 1 ? boundary->lit : boundary->shadowed;
@@ -98,7 +100,8 @@ static bool draw_at(struct sampling *s, const struct umb__boundary *boundary, do
 
 /* --- over all cells --- */
 
-/* Draws the next point in a cell. Returns false, and the point stays NAN, if no boundary suits. */
+/* Draws the next point in a cell. If no boundary of the cell suits, returns false and leaves the
+ * point NAN. */
 static bool draw_point(struct sampling *s, const struct umb__boundary_cell *cell)
 {
     struct umb__boundary boundary;
@@ -112,8 +115,8 @@ static bool draw_point(struct sampling *s, const struct umb__boundary_cell *cell
     return false;
 }
 
-/* Gives the next point its random numbers and a cell. The points divide the cells into equal
- * parts. */
+/* Draws a cell for the next point. The cells are divided into as many equal parts as there are
+ * points, and each point gets a cell of its own part. */
 static void begin_point(struct sampling *s)
 {
     s->draws = umb__draws_of(s->settings->seed, s->next);
@@ -122,8 +125,8 @@ static void begin_point(struct sampling *s)
     s->cell = (uint32_t)(part / s->wanted);
 }
 
-/* Returns true if a cell may hold points whose answers have a meaning: under the static rule, if
- * one of its receiver mask's cells is marked. */
+/* Returns true if a cell may hold points whose answers are defined. Under the static rule that
+ * needs a marked cell of the receiver mask in it. */
 static bool has_receivers(const struct sampling *s, const struct umb__boundary_cell *cell)
 {
     const uint64_t *mask = s->asset->canonical.content.receiver_mask_cells;
@@ -148,8 +151,8 @@ static bool is_cancelled(const struct sampling *s)
     return s->settings->cancelled != NULL && s->settings->cancelled(s->settings->cancel_user);
 }
 
-/* Draws the points that belong to a cell. A point that no boundary suits goes on to the next cell.
- * Returns false if the sample is cancelled. */
+/* Draws the points that belong to a cell. If no boundary of the cell suits a point, the next cell
+ * is tried. Returns false if the sample is cancelled. */
 static bool draw_points(struct sampling *s, const struct umb__boundary_cell *cell)
 {
     while (s->next < s->wanted && s->cell <= s->cells) {
@@ -213,7 +216,8 @@ static bool visit_cells(struct sampling *s)
 
 /* --- the sample --- */
 
-/* Draws the points that may lie anywhere, from number `first` on. */
+/* Draws the points of the sample that may lie anywhere in the box around the casters, from number
+ * `first` on. */
 static void draw_scattered(const struct sampling *s, uint32_t first)
 {
     const struct umb__content *content = &s->asset->canonical.content;
@@ -231,8 +235,8 @@ static void draw_scattered(const struct sampling *s, uint32_t first)
     }
 }
 
-/* Returns the step between the places of `count` points: near the golden ratio of their number, and
- * prime to it. */
+/* Returns the step between the places of consecutive points in a sample of `count`: about 0.618 of
+ * `count`, without a common divisor. */
 static uint32_t stride_of(uint32_t count)
 {
     for (uint32_t stride = (uint32_t)(0.618 * count) + 1;; stride++) {

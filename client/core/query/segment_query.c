@@ -148,7 +148,7 @@ static double ends_of(const struct umb__volume *volume, const struct umb_segment
     return sqrt(length2);
 }
 
-/* A segment whose numbers overflow cannot be walked and is lit. */
+/* A segment whose coordinates overflow cannot be walked and counts as lit. */
 static void walk_segment(const struct umb__volume *volume, const double p[2][3],
                          struct umb__intervals *out)
 {
@@ -193,7 +193,7 @@ void umb_volume_segments(const struct umb_volume *volume, const struct umb_segme
     }
 }
 
-/* Checks pairs of points; name: their name in messages. */
+/* Checks pairs of points. In: name: what error messages call them. */
 static enum umb_status check_pairs(const struct umb_segments *segments, const char *name,
                                    struct umb_error *error)
 {

@@ -60,7 +60,8 @@ static inline bool has_reached(const struct umb__axis *axis, int32_t voxel, doub
 }
 
 /*
- * Returns the index of the voxel that holds t: `from` or a later one, inside the frustum.
+ * Returns the index, on one axis, of the voxel in which the line is at parameter t: `from` or a
+ * later voxel, inside the frustum.
  *
  * start + t * slope is off by less than a voxel unless the coordinates are beyond 2^50. If it is
  * off by more, or on the wrong side of a plane, bisection finds the voxel by the crossings alone.
@@ -204,7 +205,7 @@ struct umb__axis umb__axis_make(double start, double slope, uint32_t log2_size, 
     return axis;
 }
 
-/* Narrows [t, end) to the range inside the frustum on one axis. */
+/* Narrows the range [t, end) of parameters to the part inside the frustum on one axis. */
 static void clip_axis(const struct umb__axis *axis, double *t, double *end)
 {
     int32_t size = axis->last + 1;

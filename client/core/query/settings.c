@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checks the settings of a query: first each by itself, then what they say together. */
+/* Checks the settings of a query: first each one alone, then the rules between settings. */
 #include <math.h>
 
 #include "base/query_settings.h"
@@ -122,8 +122,8 @@ static enum umb_status check_level(const struct umb__plan *plan, struct umb_erro
                                      settings->level, beside);
 }
 
-/* Refuses filters and levels that read outside the window. Under the static rule only voxels in
- * windows of points on surfaces are defined. */
+/* For an asset baked under the static rule: refuses filters and levels that read outside a point's
+ * window. Only voxels in windows of points on surfaces are defined there. */
 static enum umb_status check_static(const struct umb__plan *plan, struct umb_error *error)
 {
     const int is_window = plan->filter->info.is_window;

@@ -75,7 +75,8 @@ static bool add_leaf(struct count *c, const struct square *s, struct umb__link l
     return false;
 }
 
-/* Returns true, which ends the walk, if a brick or a uniform square has the wanted state. */
+/* Returns true, which ends the walk, if a brick or a uniform square has a texel of the wanted
+ * state. */
 static bool find_leaf(struct count *c, const struct square *s, struct umb__link link)
 {
     if (!link.mixed) {
@@ -214,7 +215,8 @@ void umb__store_share(void *values, enum umb_answer_format format, size_t i, dou
     if (format == UMB_ANSWER_F32) {
         memcpy((uint8_t *)values + i * sizeof value, &value, sizeof value);
     } else if (format == UMB_ANSWER_U8) {
-        /* A tie as a fraction may be slightly less as a float, and rounds up. */
+        /* A share exactly between two bytes may be slightly smaller as a float. The factor makes
+         * such a tie round up. */
         ((uint8_t *)values)[i] = (uint8_t)(255.0 * ((double)value * (1 + 0x1p-23)) + 0.5);
     } else {
         umb__store_answer(values, format, i, value >= 0.5F, 1);

@@ -16,7 +16,7 @@ struct umb__texels {
 /* One slice of a frustum. */
 struct umb__slice {
     const struct umb__tree *tree;
-    struct umb_query_stats *stats; /* Counts of nodes and bricks, added to */
+    struct umb_query_stats *stats; /* Numbers of nodes and bricks read, which calls increase */
     int64_t z; /* Depth of the slice in voxels; below 0 all is lit; beyond the frustum it counts as
                   the last voxel */
 };

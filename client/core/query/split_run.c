@@ -4,9 +4,9 @@
 #include "query/stages.h"
 
 /*
- * A slice takes some 0.2 to 0.5 ms: long compared with the time to hand it to a thread, yet short,
- * because all threads wait for the last slice. The number of points is a multiple of 512, so that
- * answers fill whole cache lines in every format.
+ * A slice takes about 0.2 to 0.5 ms. That is long compared with the time to hand it to a thread,
+ * and short enough that the threads do not wait long for the last slice. The number of points is a
+ * multiple of 512, so that answers fill whole cache lines in every format.
  */
 #define SLICE_POINTS 8192U
 
@@ -38,7 +38,7 @@ static void add(uint64_t *to, uint64_t more)
     (void)__atomic_fetch_add(to, more, __ATOMIC_RELAXED);
 }
 
-/* Threads synchronise here, once a slice. */
+/* Adds up counters that all threads share; called once a slice. */
 static void add_stats(struct umb_query_stats *to, const struct umb_query_stats *from)
 {
     add(&to->points, from->points);

@@ -12,7 +12,7 @@
 #include "format/asset_parts.h"
 #include "query/query_parts.h"
 
-/* What a query is prepared from. */
+/* What a query is prepared from: asset, light, settings and filter. */
 struct umb__plan {
     const struct umb_asset *asset;
     const struct umb__content *content; /* Content of the asset */
@@ -37,8 +37,8 @@ struct umb__filter {
     /* Sets up the fields of this filter alone, after all stages; NULL: there are none */
     void (*set)(const struct umb__plan *plan, struct umb__query *query);
     size_t slice; /* Number of points of a slice; 0: the number depends on the taps (split_run.c) */
-    /* Cost of a point without its window, in look-ups of one tap; and the costs added for each
-     * radian of a sun's extent, and for a lamp */
+    /* Cost of a point without its window, in look-ups of one tap; cost added for each radian of a
+     * sun's extent; and cost added for a lamp */
     double work, work_radian, work_lamp;
 };
 

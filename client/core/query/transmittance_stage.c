@@ -27,8 +27,8 @@ static bool clip_axis(double v, int32_t taps, double size, uint32_t *low, uint32
     return true;
 }
 
-/* Returns the light that point i loses. Out: all: the whole light in the same unit. In: wide: the
- * query with the bias of this stage. */
+/* Returns the light that point i loses in translucent casters. Out: all: the whole light in the
+ * same unit. In: wide: the query with the bias of this stage. */
 static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *points, size_t i,
                         uint64_t *all)
 {
@@ -52,8 +52,8 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* Makes the query that moves points for the boxes of this stage. Boxes have voxels, even if
- * look-ups stop at a coarser level. */
+/* Makes the query by which points are moved for the boxes of this stage. Boxes consist of voxels,
+ * even if look-ups stop at a coarser level. */
 static struct umb__query widen(const struct umb__query *q)
 {
     struct umb__query wide = *q;

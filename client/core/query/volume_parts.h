@@ -28,7 +28,8 @@ struct umb__volume {
 
 _Static_assert(sizeof(struct umb__volume) <= sizeof(struct umb_volume), "opaque volume too small");
 
-/* Returns a copy, since the caller's storage has no type of its own. */
+/* Returns a copy of the content: the caller's storage is plain words, which cannot be read as this
+ * struct. */
 static inline struct umb__volume umb__volume_of(const struct umb_volume *volume)
 {
     struct umb__volume v;
@@ -78,7 +79,7 @@ static inline void umb__volume_to_voxel(const struct umb__volume *volume, const 
     }
 }
 
-/* umb_segments_check for pairs of corners, named as boxes. */
+/* Does what umb_segments_check does, for pairs of corners; error messages say "boxes". */
 UMB_CHECKED enum umb_status umb__corners_check(const struct umb_segments *corners,
                                                struct umb_error *error);
 

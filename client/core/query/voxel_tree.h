@@ -19,7 +19,8 @@ struct umb__tree {
     uint32_t grid_log2; /* The grid has 1 << grid_log2 cells a side */
 };
 
-/* A place in the tree: the largest aligned uniform cube around a voxel, or its brick. */
+/* The place of a voxel in the tree: the largest aligned uniform cube around the voxel, or its
+ * brick. */
 struct umb__place {
     const uint64_t *brick; /* [8], a depth slice each; NULL: the cube is all lit or all shadowed */
     uint32_t level;        /* Level of the cube, which is 1 << level voxels wide; 3 for a brick */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_CORE_QUERY_VOXEL_WALK_H
 #define UMBRAGE_CORE_QUERY_VOXEL_WALK_H
-/* Ways from a voxel: along the light to the next shadow, and back to world space. For programs that
- * look for points of their own: calibrations and samples. */
+/* Functions that start from a voxel: one goes along the light to the next shadow, one goes back to
+ * world space. They serve calibration and sampling, which look for points of their own. */
 #include <string.h>
 
 #include "base/vec.h"
@@ -29,8 +29,9 @@ static inline int64_t umb__first_shadow(const struct umb__tree *tree, uint32_t x
 /*
  * Computes the world position, relative to the asset's origin, of a position in voxel space.
  *
- * In a perspective frustum depth is linear in W and grows with nothing else, so it gives W; then X
- * and Y are linear in the position, too. Along m0 x m1 only W changes.
+ * In a perspective frustum depth depends on W alone and is linear in it, so depth gives W. Then X
+ * and Y are linear in the position, too. Let m0 and m1 be the first two rows of world_to_voxel: a
+ * move along m0 x m1 changes only W.
  */
 static inline void umb__voxel_to_world(const struct umb_frustum_info *frustum,
                                        const double voxel[3], double p[3])

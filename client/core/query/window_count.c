@@ -6,7 +6,8 @@
  */
 #include "query/query_parts.h"
 
-/* Descends from the grid to level `target` (or to the grid's own level if that is lower). */
+/* Descends from the grid to level `target` (or to the level of the grid's cells if that is
+ * lower). */
 static struct umb__link descend(const struct umb__tree *tree, int32_t x, int32_t y, int32_t z,
                                 uint32_t target, struct umb_query_stats *stats)
 {

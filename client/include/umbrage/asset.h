@@ -97,8 +97,8 @@ UMB_API const char *umb_light_kind_name(enum umb_light_kind kind);
 struct umb_light_info {
     char name[UMB_NAME_SIZE]; /* Name: UTF-8, may be empty, NUL-terminated */
     enum umb_light_kind kind;
-    double direction[3]; /* Unit vector in which the light travels (point light: 0); of area lights
-                            across their plane */
+    double direction[3]; /* Unit vector in which the light travels (point light: 0). It is
+                            perpendicular to the plane of an area light */
     double position[3];  /* Position, metres, scene origin included; of area lights their middle
                             (not directional) */
     /* Size of the light; 0: none. Directional: angular diameter, radians. Spot, point: diameter of

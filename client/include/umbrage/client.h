@@ -70,8 +70,7 @@ struct umb_client_options {
     uint32_t connect_timeout_ms; /* Wait for the server's first frame or PING reply; 0 = 5000 */
     uint32_t call_timeout_ms;    /* Deadline of a call, sent as grpc-timeout; 0 = 60000 */
     uint32_t stall_timeout_ms;   /* Wait for the next message in calls with many messages (fetch,
-                                    submission), and a second more in all for each KiB; 0 =
-                                    120000 */
+                                    submission), plus a second for each KiB in all; 0 = 120000 */
     uint32_t keepalive_ms;       /* Silence, of a server that owes answers, after which the client
                                     sends a PING; 0 = 10000 */
     uint32_t max_retries;        /* Retries of a call, see above; 0 = 2; UMB_CLIENT_NEVER = none */

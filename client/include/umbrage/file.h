@@ -51,7 +51,7 @@ struct umb_sha256 {
                         size_t count, uint8_t (*digests)[UMB_ID_BYTES]);
 };
 
-/* Claims of the first bytes of an asset file; none is proven. */
+/* What the first bytes of an asset file claim; nothing of it is proven. */
 struct umb_file_head {
     enum umb_encoding encoding;
     uint8_t id[UMB_ID_BYTES]; /* Identity that the file claims */

@@ -71,7 +71,8 @@ struct umb_job_status {
     uint64_t done, total;     /* Units of the phase; total 0 = not known */
     double rate;              /* Units a second */
     int64_t left_ms;          /* Time that the phase still takes; -1 = not known */
-    /* Tiles of a watched job's last try; total 0 = not known; found: taken from earlier bakes */
+    /* Tiles of the last try of a watched job; total 0 = not known. `found` counts tiles taken from
+     * earlier bakes */
     uint64_t tiles_done, tiles_total, tiles_found;
     const char *plan, *notices; /* Lines of text, borrowed during the callback; NULL in lists */
     uint64_t reserved[8];       /* Zero: room for later versions (umbrage/version.h) */

@@ -85,8 +85,8 @@ enum umb_map_access {
 /* Relation of an answer to the true share of the filter's texels that let light through. */
 enum umb_map_bound {
     UMB_MAP_EXACT = 0,   /* Equal to that share */
-    UMB_MAP_UPPER_BOUND, /* Not below that share by more than `slack` (light may bleed), with a
-                            contrast of at most 1 */
+    UMB_MAP_UPPER_BOUND, /* Answers are not below that share by more than `slack` (light may bleed),
+                            with a contrast of at most 1 */
     UMB_MAP_ESTIMATE,    /* Neither: may be above or below */
 };
 
@@ -143,8 +143,8 @@ struct umb_map_settings {
                                    bounds, and `slack` is 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
-    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, of the light that may be
-                                   absorbed at the receiver's own depth which counts as absorbed. 0:
+    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, that counts as absorbed of the
+                                   light that may be absorbed at the receiver's own depth. 0:
                                    answers are upper bounds of the light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
     int keep_depth;       /* 1: a filterable map with MIPS or SAT keeps its depths too, 4 bytes
@@ -161,8 +161,8 @@ enum umb_map_kernel {
 
 struct umb_map_filter {
     enum umb_map_kernel kernel;
-    double width;     /* Width in texels, 1..64; 0 = 1. Boxes on PCF and DEEP: an odd integer. With
-                         BASE access only the biases use it */
+    double width;     /* Width in texels, 1..64; 0 = 1. For boxes on PCF and DEEP an odd integer.
+                         With BASE access only the biases use the width */
     uint32_t samples; /* Number of POISSON samples, 1..64 */
     double bias_m;    /* Metres towards the light, 0..1e6 */
     /* Slope bias, 0..100, as a multiple of the depth that the receiver's plane gains over half the
@@ -176,8 +176,9 @@ struct umb_map_filter {
      * with SAT, and for any map with keep_depth. */
     double light_size;
     double reduction; /* 0..0.99: visibilities up to it become 0, the rest is stretched to 0..1 */
-    double contrast;  /* VSM, LVSM, EVSM: C in sigma^2 / (sigma^2 + C (t - mu)^2); 0 = 1; to 1e6.
-                         Above 1 answers fall, and are no upper bounds any more */
+    double contrast;  /* VSM, LVSM, EVSM: contrast C in sigma^2 / (sigma^2 + C (t - mu)^2), at most
+                         1e6; 0 stands for 1. Above 1 answers are darker, and are no upper bounds
+                         any more */
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
@@ -222,8 +223,9 @@ struct umb_map_deep_settings {
     /* Transmittance below which a list ends, 0..1; 0 keeps all fragments. The effect of 0.001
      * cannot be seen. */
     double epsilon;
-    double exponent; /* Exponent c, 0..1e6, which fades in the last step before a receiver: at depth
-                        d behind the step exp(-c d) of it is missing. 0: a sharp step */
+    double exponent; /* Exponent c, 0..1e6, by which the last step before a receiver acts gradually:
+                        at depth d behind the step, the share exp(-c d) of its effect is missing. 0:
+                        the step acts at once */
     enum umb_map_deep_way way;
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };

@@ -195,7 +195,7 @@ UMB_API const uint8_t *umb_partial_head(const struct umb_partial *partial);
  * cameras.
  *
  * Fails: E_ARGUMENT (view; the field is named), E_STATE (nothing built yet).
- * Cost:  linear in the nodes of the pages held: at most 65 steps for each node, plus 1024. If a
+ * Cost:  linear in the nodes of the pages held: at most 17 steps for each node, plus 1024. If a
  *        view needs more steps, pages beyond the view's border get a benefit too. Only hostile
  *        assets need more steps: in such an asset a few nodes stand for very many cubes at the
  *        border.

@@ -105,7 +105,8 @@ def slice_of(batch: Any, first: int, count: int) -> Any:
 
 def c_points(points: Any, origin: Any, normals: Any, footprints: Any) -> tuple[Any, list[Any]]:
     """
-    A struct umb_points of checked arrays, and the buffers that must stay alive as long as it is used.
+    Returns a struct umb_points of checked arrays, and the buffers that must stay alive as long as
+    the struct is used.
     """
     out = ffi.new("struct umb_points *")
     keep = [ffi.from_buffer(points)]

@@ -32,8 +32,9 @@ OK = core.UMB_OK
 
 class Handle:
     """
-    A C object that many threads use. Each call holds the handle; `close` runs when the last one lets go of it. An
-    interrupt at any moment, or a close beside a call, therefore frees nothing that is in use. At exit nothing is freed.
+    A C object that many threads use. Each call holds the handle; `close` runs when the last call
+    lets go of it. So neither an interrupt at any moment nor a close during a call frees anything
+    that is in use. When Python exits, nothing is freed.
     """
 
     def __init__(self, pointer: Any, close: Callable[..., Any], *more: Any) -> None:

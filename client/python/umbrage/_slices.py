@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Batches in slices: on one thread so that Ctrl-C is heard between them, on several so that they share the work.
+Divides batches into slices. On one thread, Python handles Ctrl-C between two slices; several
+threads share the slices.
 """
 from __future__ import annotations
 

@@ -344,8 +344,8 @@ class Asset:
 
     def fetch(self, *views: View, max_bytes: int = 0, progress: Optional[Callable[[Held], Any]] = None) -> Held:
         """
-        Reads the missing pages that the views need; without a view those that queries missed. An asset of a file or a
-        daemon is whole: nothing is read.
+        Reads the missing pages that the views need; without a view, the missing pages that earlier
+        queries needed. An asset of a file or a daemon is whole: nothing is read.
 
         max_bytes  bytes to read before it stops; 0: no limit
         progress   called with what is held after each round; a true result stops

@@ -97,8 +97,9 @@ class _Client(Handle):
 
 class _Call:
     """
-    An asynchronous call. Until its end the client's table `calls` keeps it and its memory alive, so that an interrupt
-    at any moment leaves C nothing that is gone. It never holds the client: that would be closed on its own thread.
+    An asynchronous call. Until the call ends, the client's table `calls` keeps the call and its
+    memory alive, so that after an interrupt the C library still finds valid memory. A call never
+    holds the client: the client could then be closed on its own thread.
     """
 
     def __init__(self, *keep: Any) -> None:

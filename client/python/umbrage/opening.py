@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One door to all assets: files, web servers and daemons.
+Opens assets of all kinds: of files, web servers and daemons.
 """
 from __future__ import annotations
 

@@ -214,7 +214,8 @@ static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs
     if (analysis->flat_count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
-    /* This check precedes the areas: an overflow there would drop a triangle without a message. */
+    /* The coordinates are checked before the areas are computed: if an area overflowed, its
+     * triangle would be dropped without a message. */
     UMB__TRY(
         umbb_world_check((const double(*)[3][3])analysis->corners, analysis->flat_count, error));
     return analysis->flat_count < UINT32_MAX

@@ -28,7 +28,7 @@ enum umbb_dropped {
     UMBB_TRANSLUCENT = 2,
 };
 
-/* What the closed rule costs and saves, as the plan states it. */
+/* Costs and savings of the closed rule, as the plan states them. */
 struct umbb_closed_price {
     int known;            /* 0: the rule was not in question */
     int exact;            /* 1: the bytes are those of bakes at the wanted resolution */
@@ -37,7 +37,8 @@ struct umbb_closed_price {
     double open_bytes, closed_bytes; /* packed bytes under each rule; 0: not asked for */
 };
 
-/* Bytes of voxels and maps with sharp BLEND materials as they are, and as cut-outs: a forecast. */
+/* Forecast of the bytes of voxels and transmittance maps, with sharp BLEND materials
+ * (scene_alpha.h) as they are, and as cut-outs. */
 struct umbb_sharp_price {
     int known; /* 0: not asked for */
     double blend_bytes, cut_bytes;
@@ -58,7 +59,8 @@ struct umbb_analysis {
     size_t closed_triangles;
     char open_reason[256];   /* reason why the largest open part is open; may be empty */
     size_t open_reason_part; /* number of the largest open part */
-    /* 1: the closed rule applies; before umbb_closed_choose, that it is possible. */
+    /* 1: the closed rule applies. Until umbb_closed_choose has decided, 1 means that it is
+     * possible. */
     int closed_rule;
     struct umbb_closed_price closed_price;
     struct umbb_sharp_price sharp_price;

@@ -25,7 +25,8 @@ static double inside(const struct umbb_pyramid *pyramid, int plane, const double
     }
 }
 
-/* Computes where the edge from a to b crosses the plane; a is `in` inside, b is -out outside. */
+/* Computes the place where the edge from a to b crosses the plane. in, out: distances of a and b
+ * from the plane: above 0 for a, which is inside, below 0 for b. */
 static void cut(const double a[3], const double b[3], double in, double out, double to[3])
 {
     const double share = in / (in - out);

@@ -43,8 +43,8 @@ void umbb_light_choice_finish(struct umbb_light_choice *choice)
     memset(choice, 0, sizeof *choice);
 }
 
-/* Makes room for one more light, zeroed except for its extent: that of the options; a directional
- * light has the sun's without one. */
+/* Makes room for one more light, zeroed except for its extent, which is that of the options. If
+ * they give none, a directional light gets the sun's. */
 static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
                                  struct umb_light_info **light, struct umb_error *error)
 {

@@ -33,8 +33,8 @@ static void write_bytes(FILE *to, double bytes)
     fprintf(to, "%.*f %s", unit > 0 && bytes < 9.95, bytes, units[unit]);
 }
 
-/* Writes what the closed rule saves. The share is equal on every machine. Bytes, which depend on
- * the compression, are known for a plan that is printed and are in no asset. */
+/* Writes what the closed rule saves. The share is equal on every machine. Bytes depend on the
+ * compression, so they are known only for a plan that is printed, and no asset contains them. */
 static void write_price(FILE *to, const struct umbb_closed_price *price)
 {
     const double percent = floor(100.0 * price->saved + 0.5);
@@ -275,7 +275,7 @@ static void write_lights(FILE *to, const struct umbb_analysis *a)
     }
 }
 
-/* Writes the materials of triangles: the only one, or their number and the first. */
+/* Writes the name of the only material, or the number of materials and the name of the first. */
 static void write_materials(FILE *to, size_t count, const char *first)
 {
     if (count == 1) {

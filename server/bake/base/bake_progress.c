@@ -11,7 +11,7 @@
 #define INTERVAL_S 0.2
 
 static int told = -1; /* descriptor of a supervisor */
-static int held;      /* 1: progress and tiles are not told */
+static int held;      /* 1: no lines about progress and tiles */
 
 void umbb_progress_tell_to(int fd)
 {

@@ -10,7 +10,7 @@
 
 /* Each set contains those before it. */
 enum umbb_vectors {
-    UMBB_VECTORS_NONE = 0, /* what every processor of the build's kind has */
+    UMBB_VECTORS_NONE = 0, /* the baseline, which every processor of the build's kind has */
     UMBB_VECTORS_AVX2 = 1,
     UMBB_VECTORS_AVX512 = 2, /* F, VL, BW and DQ */
 };

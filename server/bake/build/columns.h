@@ -5,11 +5,11 @@
  * From texels to nodes, one column of the octree at a time.
  *
  * A column is all nodes of a level over one square of texels, listed along the light as runs of
- * equal nodes. Let M be the greatest lit and m the least end of the square. A node over voxels [z0,
- * z1) is shadowed if z0 >= M (nothing in it is lit), else lit if z1 <= m (nothing in it is shadow),
- * else mixed. A wholly undefined node is shadowed, or equal to its parent (Sintorn et al. 2014,
- * section 6.1). A mixed node holds a lit and a shadowed voxel by construction, so none ever turns
- * out uniform.
+ * equal nodes. Let M be the greatest `lit` and m the least `end` (depth/tile.h) of the square. A
+ * node over voxels [z0, z1) is shadowed if z0 >= M (nothing in it is lit), else lit if z1 <= m
+ * (nothing in it is shadow), else mixed. A wholly undefined node is shadowed, or equal to its
+ * parent (Sintorn et al. 2014, section 6.1). A mixed node holds a lit and a shadowed voxel by
+ * construction, so none ever turns out uniform.
  *
  * Runs make long shadow walls cheap: a node that contains no value of lit or end equals its
  * neighbour along z, and is built once. The work is proportional to the number of different nodes

@@ -31,11 +31,11 @@
  * Sets reach to the greatest distance in voxels, on each axis, by which the automatic bias moves a
  * point. edge: lengths e of a voxel's edges.
  *
- * A unit normal n asks for s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 metres along n. A lift
- * along the light clears that, or its longest length and a move along n for the rest. So the moves
- * are at most s nx / ex, s ny / ey, and s nz / ez plus the longest lift. Products of two components
- * of n are at most 1/2. The result also covers points without a normal (query.c), and has one voxel
- * more for rounding.
+ * For a unit normal n the bias must clear s = (taps (|nx ex| + |ny ey|) + |nz ez|) / 2 metres along
+ * n. It does so by a lift along the light. If the longest lift is too short, a move along n clears
+ * the rest. So the moves are at most s nx / ex, s ny / ey, and s nz / ez plus the longest lift.
+ * Products of two components of n are at most 1/2. The result also covers points without a normal
+ * (query.c), and has one voxel more for rounding.
  */
 static void set_reach(const double edge[3], struct umbb_static *rule)
 {
@@ -106,7 +106,8 @@ static uint32_t clamp_floor(double v, uint32_t count)
     return !(v >= 1) ? 0 : v >= count ? count - 1 : (uint32_t)v;
 }
 
-/* Marks all cells that may contain look-ups of a box's points. reach: of the points, in voxels. */
+/* Marks all cells that may contain look-ups of a box's points. reach: greatest distance in voxels
+ * by which the bias moves a point. */
 static void mark_box(const struct umbb_static *rule, const double low[3], const double high[3],
                      const double reach[3], uint64_t *cells)
 {
@@ -285,7 +286,8 @@ struct asked {
     double anchor[3];   /* one of its corners */
     double gradient[2]; /* gradient of its depth */
     int is_vertical;    /* 1: seen edge on, no gradient */
-    double lift;        /* greatest distance in voxels by which its points move towards the light */
+    double lift;        /* greatest distance in voxels by which the triangle's points move towards
+                           the light */
 };
 
 static void asked_init(struct asked *asked, const struct umbb_static *rule,

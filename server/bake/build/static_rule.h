@@ -30,7 +30,8 @@
 
 struct umbb_static {
     const struct umbb_casters *casters; /* borrowed; of parallel light */
-    double reach[3]; /* voxels by which an automatic bias moves a point at most, towards -z on z */
+    double reach[3]; /* greatest number of voxels by which the automatic bias moves a point on each
+                        axis; on z it moves towards -z */
     double longest_lift; /* voxels of the longest lift along the light, for the widest window */
     uint8_t *met;        /* [count] flags that the survey found for a triangle */
     uint32_t *list;      /* [list_count] asked triangles that may reach the current tile */

@@ -140,9 +140,9 @@ static inline __m512i two_rows(__m256i low, __m256i high)
 }
 
 /*
- * Converts q to lit. Often all texels of each column have one lit: on walls along the columns, and
- * wherever a voxel is deeper than the surface's slope in a cell. Two divisions show it, because lit
- * never grows with q.
+ * Converts q to lit. Often all texels of each column of a cell have one lit: on walls along the
+ * columns, and where the surface's depth changes by less than a voxel over the cell. Two divisions
+ * show it, because lit never grows with q.
  */
 static inline void reciprocals_lit(const struct umbb_rays *rays, const struct reciprocals *q,
                                    struct texels *texels)
@@ -183,7 +183,8 @@ static inline void cell_draw_meeting(const struct umbb_cells *cells,
     reciprocals_lit(&cells->rays, &most, texels);
 }
 
-/* Draws the parts of a layer's cell as lit: the background where there is none. */
+/* Draws the parts of a layer's cell and converts them to lit. Texels without a part get the
+ * background. */
 static inline void layer_draw(const struct umbb_cells *cells, const struct umbb_cell_layer *layer,
                               size_t cell, const struct place *place, struct texels *texels)
 {

@@ -126,7 +126,8 @@ static inline void umbb_coverage_rows_within(const struct umbb_coverage *coverag
     *last = coverage->row_last < bottom ? coverage->row_last : bottom;
 }
 
-/* umbb_coverage_row clipped to texels x0 .. x0 + n - 1. span: first and last covered texel. */
+/* Does umbb_coverage_row, clipped to texels x0 .. x0 + n - 1. span: first and last covered
+ * texel. */
 static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage, int32_t row,
                                            int32_t x0, int32_t n, int32_t span[2])
 {
@@ -137,8 +138,8 @@ static inline int umbb_coverage_row_within(const struct umbb_coverage *coverage,
     return front;
 }
 
-/* umbb_coverage_row without centres on the second crossing, for callers that count fragments. A
- * centre on the edge of two adjacent triangles then belongs to only one of them. */
+/* Does umbb_coverage_row, but leaves out centres on the second crossing, for callers that count
+ * fragments. A centre on the edge of two adjacent triangles then belongs to only one of them. */
 static inline void umbb_coverage_row_once(const struct umbb_coverage *coverage, int32_t row,
                                           int32_t *x_first, int32_t *x_last)
 {

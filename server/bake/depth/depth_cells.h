@@ -49,7 +49,8 @@ struct umbb_cell_layer {
     uint32_t first[UMBB_CELLS_MAX + UMBB_CELLS_SLACK]; /* index of the first part */
 };
 
-/* Notes of a block: about half a megabyte. A few triangles use only a small part. */
+/* Notes of a block of texels: the parts of triangles that each of its cells may show. The struct
+ * takes about half a megabyte; a few triangles touch only a small part of it. */
 struct umbb_cells {
     _Alignas(64) struct umbb_plane planes[UMBB_PLANES_MAX];
     struct umbb_parts parts;

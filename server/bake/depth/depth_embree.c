@@ -58,7 +58,8 @@ static void triangle_bounds(const struct RTCBoundsFunctionArguments *args)
     box->upper_z = padded(high[2], 1);
 }
 
-/* Called for each triangle whose box the ray meets (one ray at a time: N is 1). */
+/* Takes a triangle whose box the ray meets as a candidate. Embree calls it for each such triangle,
+ * with one ray at a time: N is 1. */
 static void triangle_candidate(const struct RTCIntersectFunctionNArguments *args)
 {
     if (args->valid[0] == 0) {

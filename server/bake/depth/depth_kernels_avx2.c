@@ -152,7 +152,8 @@ static inline __m128i four_lit(__m256d z)
     return _mm256_cvttpd_epi32(_mm256_ceil_pd(_mm256_sub_pd(z, _mm256_set1_pd(0.5))));
 }
 
-/* lit of four third coordinates for rays that meet in one point, as umbb_reciprocal_lit. */
+/* Returns lit for four third coordinates under rays that meet in one point, as umbb_reciprocal_lit
+ * does. */
 static inline __m128i four_reciprocals_lit(const struct plane *k, __m256d q)
 {
     q = _mm256_max_pd(q, _mm256_set1_pd(k->coverage->z_min));

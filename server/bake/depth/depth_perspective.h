@@ -44,12 +44,13 @@ static inline int umbb_rays_meet(const struct umbb_rays *rays)
     return rays->scale > 0.0;
 }
 
-/* umbb_coverage_prepare for a caster of any kind of light, with the depth of slivers as above. */
+/* Does umbb_coverage_prepare for a caster under any kind of light. Slivers get the depth that the
+ * top of this file describes. */
 int umbb_perspective_prepare(const struct umbb_casters *casters, size_t triangle,
                              struct umbb_coverage *coverage);
 
-/* Gives a prepared triangle the depth of slivers, if it is one. corners: as it was prepared from.
- * rays: meet in one point. */
+/* If a prepared triangle is a sliver, gives it the depth that the top of this file describes.
+ * corners: those from which the triangle was prepared. rays: meet in one point. */
 void umbb_perspective_steady(const struct umbb_rays *rays, const double corners[3][3],
                              struct umbb_coverage *coverage);
 

@@ -157,7 +157,8 @@ static void draw_prepared(struct drawing *drawing, const struct umbb_coverage *c
     }
 }
 
-/* Draws a batch. While `later` has room (NULL: none), far sides go there instead. */
+/* Draws a batch. Triangles that face away from the light go into `later` instead, while it has
+ * room. later: NULL: all are drawn now. */
 static void batch_draw(struct drawing *drawing, struct batch *batch, struct far_sides *later)
 {
     const struct umbb_casters *casters = &drawing->raster->casters;
@@ -200,7 +201,8 @@ static void draw_cut(struct drawing *drawing, uint32_t triangle, uint32_t cut)
     }
 }
 
-/* Draws a list of triangles. While `later` has room (NULL: none), far sides go there instead. */
+/* Draws a list of triangles. Those that face away from the light go into `later` instead, while it
+ * has room. later: NULL: all are drawn now. */
 static void draw_list(struct drawing *drawing, const uint32_t *list, size_t count,
                       struct far_sides *later)
 {

@@ -22,8 +22,8 @@
  * rounding error alone. */
 #define AREA_DOUBT 1e-9
 
-/* Greatest number of casters for each square of 64 x 64 texels at which marks are worth their cost.
- * Measured: eight texels along a triangle's edge. */
+/* Greatest number of casters for each square of 64 x 64 texels at which marks are worth their cost,
+ * by measurement. */
 #define CASTERS_PER_SQUARE 8
 
 #define SLOT_FREE UINT32_MAX
@@ -37,7 +37,7 @@ struct finder {
     atomic_size_t fronts;
 };
 
-/* Triangles of a slice, and triangles whose slots are prefetched together. */
+/* Number of triangles of a slice, and of triangles whose slots are prefetched together. */
 #define JOB_TRIANGLES   ((size_t)1 << 14)
 #define FETCH_TRIANGLES ((size_t)16)
 
@@ -174,7 +174,7 @@ static size_t fetch_slots(const struct finder *f, size_t first, size_t end,
     return count;
 }
 
-/* Function for an edge of a front face, with the first slot of its search. */
+/* Callback for an edge of a front face. at: first slot of the edge's search. */
 typedef void (*edge_fn)(struct finder *f, size_t triangle, size_t edge, size_t at);
 
 /* Visits the edges of the front faces of a slice. */

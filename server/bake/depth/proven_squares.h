@@ -20,11 +20,12 @@
  * The bounds are the predicate's own values at the nearest or farthest texel, as every rounded
  * operation is monotone. They depend on square and casters only, not on tiles, threads or paths.
  *
- * Suns: the bounds choose undefined voxels, because they may lie in another multiple of 64 than the
- * greatest lit and the least end of the texels. Spot and point lights: no voxel changes. A square
- * is proven only if the lit and the end of one of its corner texels lie in the same multiples of 64
- * as the bounds. Greatest lit and least end lie between corner and bound, so they lie there too,
- * and the nodes of level UMBB_SQUARE_LOG2 and above depend on these multiples only.
+ * Suns: the bounds decide how undefined voxels are stored, because they may lie in another multiple
+ * of 64 than the greatest lit and the least end of the texels. Spot and point lights: no voxel
+ * changes. A square is proven only if the lit and the end of one of its corner texels lie in the
+ * same multiples of 64 as the bounds. Greatest lit and least end lie between corner and bound, so
+ * they lie there too, and the nodes of level UMBB_SQUARE_LOG2 and above depend on these multiples
+ * only.
  */
 #include "bake/depth/tile.h"
 #include "umbrage/workers.h"
@@ -40,7 +41,8 @@
  * The file's adjacency is not used, because it cannot be trusted.
  */
 
-/* Whether to prove squares of texels from bounds (closed rule only); tests force it. */
+/* Choice whether to prove squares of texels from bounds (closed rule only). Tests force one or the
+ * other. */
 enum umbb_prove {
     UMBB_PROVE_AUTO = 0,
     UMBB_PROVE_ALWAYS = 1,

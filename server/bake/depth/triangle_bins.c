@@ -83,7 +83,8 @@ static void reach_add(struct reach *reach, double x)
     reach->high = x > reach->high ? x : reach->high;
 }
 
-/* Adds the part of the edge from a up to b that lies within top .. bottom. */
+/* Widens the range of x by the part of an edge that lies in the rows top .. bottom. a, b: its ends,
+ * a.y <= b.y. */
 static void reach_add_edge(struct reach *reach, const double a[3], const double b[3], double top,
                            double bottom)
 {

@@ -46,7 +46,7 @@ struct umbb_gltf_mesh {
 
 /* The file, and the state of reading its scene. The walk over the nodes reads meshes and materials
  * where a node first shows them; what no node shows is not read. Each array has one item for each
- * of the file's. */
+ * object of its kind in the file. */
 struct umbb_gltf {
     struct umbb_import *job; /* borrowed */
     json_t *json;
@@ -63,7 +63,8 @@ struct umbb_gltf {
     unsigned morphed; /* number of primitives with morph targets */
 };
 
-/* Reference that is missing, and one that is not a whole number from 0 on: beyond every list. */
+/* Values for a reference that is missing, and for one that is not a whole number of 0 or more.
+ * Neither is an index of any list. */
 #define UMBB_GLTF_NONE INT64_C(-1)
 #define UMBB_GLTF_BAD  (INT64_C(1) << 40)
 
@@ -78,7 +79,7 @@ UMB_CHECKED enum umb_status umbb_gltf_open(struct umbb_gltf *gltf, struct umbb_i
                                            struct umb_error *error);
 void umbb_gltf_close(struct umbb_gltf *gltf);
 
-/* A value, or the member `key` of an object, as a reference. Value NULL: UMBB_GLTF_NONE. */
+/* Returns a value, or the member `key` of an object, as an index. Value NULL: UMBB_GLTF_NONE. */
 int64_t umbb_gltf_to_index(const json_t *value);
 int64_t umbb_gltf_index(const json_t *object, const char *key);
 
@@ -133,7 +134,7 @@ enum {
     UMBB_GLTF_UINT32 = 8,
 };
 
-/* What an attribute allows of its accessor. */
+/* Kinds of accessors that an attribute allows. */
 struct umbb_gltf_use {
     const char *name; /* name of the attribute */
     const char *must; /* words for messages: "VEC3 of floats" */

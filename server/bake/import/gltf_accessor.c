@@ -30,8 +30,8 @@ static int find_component(int64_t type, unsigned kinds, struct umbb_scalar *comp
     return 0;
 }
 
-/* Finds the bytes of `count` elements. In: run: component. place: JSON with bufferView and
- * byteOffset. Out: fits: 0 if the view is too short. */
+/* Finds the bytes of `count` elements. In: run: its component is set. place: JSON with bufferView
+ * and byteOffset. Out: fits: 0 if the view is too short. */
 static enum umb_status open_run(struct umbb_gltf *gltf, const json_t *place, uint32_t count,
                                 uint32_t width, struct umbb_gltf_run *run, int *fits,
                                 struct umb_error *error)

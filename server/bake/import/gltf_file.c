@@ -13,7 +13,8 @@
 #define GLB_HEADER_BYTES 12
 #define GLB_CHUNK_BYTES  8 /* header of a chunk */
 
-/* Way out of Jansson's parser. One importer runs in a process, so one is enough. */
+/* Target of the jump out of Jansson's parser when memory is refused. One importer runs in a
+ * process, so one is enough. */
 static jmp_buf refusal;
 
 /* Leaves the parser where memory is refused: its lexer would drop characters, among them the end of
@@ -83,7 +84,8 @@ static enum umb_status find_json(const struct umbb_file *file, struct umbb_curso
     return UMB_OK;
 }
 
-/* Checks the extensions that the file requires: those that change no shape, or that are read. */
+/* Checks the extensions that the file requires: each must change no shape, or be one that this
+ * reader supports. */
 static enum umb_status check_extensions(const json_t *required, struct umb_error *error)
 {
     static const char *const harmless[] = {

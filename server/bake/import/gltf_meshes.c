@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Meshes of glTF, and of their materials what changes shadows (gltf.h).
+ * Meshes of glTF, and the properties of their materials that change shadows (gltf.h).
  * Source: glTF 2.0, sections 3.7.2, 3.8 and 3.9; KHR_texture_transform,
  * KHR_materials_transmission, KHR_materials_pbrSpecularGlossiness.
  */
@@ -32,7 +32,7 @@ static uint32_t wrap_of(const json_t *sampler, const char *key)
                                         : UMBS_WRAP_REPEAT;
 }
 
-/* KHR_texture_transform: scale, then rotate, then move. In: info: a textureInfo. */
+/* Reads KHR_texture_transform, which scales, then rotates, then moves. In: info: a textureInfo. */
 static void read_mapping(const json_t *info, struct umbb_gltf_mapping *mapping)
 {
     const json_t *transform = umbb_gltf_extension(info, "KHR_texture_transform");
@@ -53,8 +53,9 @@ static void read_mapping(const json_t *info, struct umbb_gltf_mapping *mapping)
     mapping->moves = 1;
 }
 
-/* Gets the texture of an image: bytes of a view, a data URI, or a file. In: image: as embedded. A
- * known texture is found first, because a data URI takes long to decode. */
+/* Gets the texture of an image, whose bytes are in a view, a data URI or a file. image: names the
+ * image; its bytes are set here. Textures that are known already are searched first, because a data
+ * URI takes long to decode. */
 static enum umb_status get_texture(struct umbb_gltf *gltf, const json_t *json,
                                    struct umbb_image *image, uint32_t *texture,
                                    struct umb_error *error)
@@ -205,7 +206,7 @@ static int is_coordinate(double value)
     return fabs(value) <= COORDINATE_MAX; /* false for NaN */
 }
 
-/* Texture coordinates of a vertex, v counting up; 0 0 if they are not finite. */
+/* Gets the texture coordinates of a vertex, with v growing upwards; 0 0 if they are not finite. */
 static void get_uv(const struct umbb_gltf_accessor *accessor,
                    const struct umbb_gltf_mapping *mapping, uint32_t vertex, float uv[2])
 {

@@ -50,8 +50,8 @@ static int multiply(transform parent, transform m, double out[3][4])
     return good;
 }
 
-/* Scale, then rotation, then translation. The rotation is normalised, because files round
- * quaternions, those in bytes by a hundredth. Returns 0 if the rotation is 0. */
+/* Makes a transform that scales, then rotates, then moves. The rotation is normalised, because
+ * files round quaternions, those in bytes by a hundredth. Returns 0 if the rotation is 0. */
 static int compose(const double move[3], const double turn[4], const double size[3],
                    double out[3][4])
 {
@@ -194,7 +194,8 @@ static double clamp(double value, double low, double high)
     return value >= low ? (value <= high ? value : high) : low; /* NaN becomes low */
 }
 
-/* Unit vector of -z of the node; straight down in node space if the node has lost that axis. */
+/* Computes the unit vector of the node's -z axis. If the node's transform makes that axis zero, the
+ * vector is 0 0 -1. */
 static void light_direction(transform world, double direction[3])
 {
     double length =
@@ -204,7 +205,8 @@ static void light_direction(transform world, double direction[3])
     }
 }
 
-/* The largest component of colour times intensity becomes the intensity. */
+/* Sets intensity and colour of a light: the largest component of colour times intensity becomes the
+ * intensity. */
 static void light_color(const json_t *json, struct umbs_light *light)
 {
     const double intensity = umbb_gltf_number(json, "intensity", 1.0);

@@ -30,7 +30,7 @@
 #define EXIT_USAGE 2
 #define EXIT_READ  74
 
-/* Writes the one message. Its reader, a pipe, may be closed; that has no effect. */
+/* Writes the importer's only message to its pipe. If the pipe's reader is gone, nothing happens. */
 static void say(const char *name, const char *message)
 {
     char shown[160];

@@ -68,8 +68,8 @@ UMB_CHECKED enum umb_status umbb_file_map_named(const struct umbb_import *job,
                                                 struct umbb_cursor name, struct umbb_file *file,
                                                 struct umb_error *error);
 
-/* umbb_file_map_named for a name that may be percent-encoded, as URIs of glTF are (RFC 3986): the
- * literal name is tried first, then the decoded one. */
+/* Does umbb_file_map_named for a name that may be percent-encoded, as URIs of glTF are (RFC 3986).
+ * The literal name is tried first, then the decoded one. */
 UMB_CHECKED enum umb_status umbb_file_map_uri(const struct umbb_import *job, struct umbb_cursor uri,
                                               struct umbb_file *file, struct umb_error *error);
 
@@ -86,8 +86,8 @@ int umbb_is_text(const struct umbb_file *file);
 #define UMBB_REFUSE(error, ...) umb_fail(error, UMB_E_BAD_SCENE, __VA_ARGS__)
 
 /*
- * Readers: of Wavefront OBJ; PLY; STL; glTF and GLB. Each appends meshes, materials, lights and
- * instances to job->scene.
+ * Readers of scene files: Wavefront OBJ; PLY; STL; glTF and GLB. Each appends meshes, materials,
+ * lights and instances to job->scene.
  *
  * Fails: E_BAD_SCENE with a message without the file's name (umbb_import_child puts it in front),
  *        E_NO_MEMORY, E_LIMIT. An unusable face (a corner that is not finite, a bad index, fewer

@@ -505,8 +505,8 @@ static enum umb_status read_text(struct obj *obj, struct umb_error *error)
     return UMB_OK;
 }
 
-/* The group of a triangle: 0 for none, else its material's. A triangle without coordinates for its
- * material's texture counts as without material: it is opaque. */
+/* Returns the group of a triangle: 0 without a material, else the material's group. A triangle
+ * without coordinates for its material's texture counts as without material: it is opaque. */
 static size_t group_of(const struct obj *obj, uint32_t material, const uint32_t triangle[3])
 {
     const struct umbs_material *materials = obj->job->scene.materials.data;
@@ -609,7 +609,8 @@ enum umb_status umbb_obj_read(struct umbb_import *job, struct umb_error *error)
     struct obj obj = {.job = job, .faces = {.scene = &job->scene}, .textures = {.job = job}};
     enum umb_status status = read_text(&obj, error);
     if (status == UMB_OK) {
-        /* Without textures the pairs are not needed; freeing them makes room for the sort. */
+        /* Without textures the numbers of the vertices' texture coordinates (`made`) are not
+         * needed; freeing them makes room for the sort. */
         if (obj.job->scene.textures.count == 0) {
             free(obj.made.data);
             obj.made.data = NULL;

@@ -33,7 +33,7 @@ enum corner_flag {
     CORNER_REFLEX = 1, /* or straight: not strictly convex */
     CORNER_EAR = 2,
     CORNER_QUEUED = 4,
-    /* A neighbour was cut off since the corner was queued: the corner goes to the end. */
+    /* A neighbour was cut off since the corner was queued: the corner goes to the queue's end. */
     CORNER_AGAIN = 8,
     CORNER_IN_CELL = 16,
 };
@@ -80,7 +80,7 @@ void umbb_polygon_finish(struct umbb_polygon *polygon)
     memset(polygon, 0, sizeof(*polygon));
 }
 
-/* Newell's normal: twice the area of the polygon's projection on each coordinate plane. */
+/* Computes Newell's normal: twice the area of the polygon's projection on each coordinate plane. */
 static void newell_normal(double (*points)[3], uint32_t count, double normal[3])
 {
     const double *origin = points[0];
@@ -248,7 +248,8 @@ static int is_ear(struct umbb_polygon *polygon, uint32_t corner, enum ear_rule r
     return rule == EAR_CONVEX || !is_blocked(polygon, corner, rule);
 }
 
-/* Each corner is in the queue at most once, so `capacity` slots are enough. */
+/* Appends a corner to the queue. Each corner is there at most once, so `capacity` slots are
+ * enough. */
 static void enqueue(struct umbb_polygon *polygon, uint32_t corner)
 {
     size_t at = polygon->queue_first + polygon->queue_count++;
@@ -299,8 +300,8 @@ static uint32_t next_queued_ear(struct umbb_polygon *polygon)
     return NO_CORNER;
 }
 
-/* The next corner to cut off; any corner if there is no ear; NO_CORNER if the budget is used up.
- * `start` is in the ring, which has `left` corners. */
+/* Returns the next corner to cut off; any corner if there is no ear; NO_CORNER if the budget is
+ * used up. `start` is in the ring, which has `left` corners. */
 static uint32_t choose_ear(struct umbb_polygon *polygon, uint32_t start, uint32_t left)
 {
     uint32_t corner = next_queued_ear(polygon);

@@ -63,13 +63,15 @@ static void read_header(struct decoder *d)
     /* decode checks the sides: its message tells a limit from damage. */
     png_set_user_limits(d->png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
     png_set_chunk_malloc_max(d->png, CHUNK_BYTES_MAX);
-    /* -1: of the chunks that libpng knows only IHDR, PLTE, tRNS, IDAT and IEND are read. Compressed
-     * text of a few kilobytes would expand to megabytes, a thousand times in one image. */
+    /* The argument -1 means: of the chunks that libpng knows, only IHDR, PLTE, tRNS, IDAT and IEND
+     * are read. Compressed text of a few kilobytes would expand to megabytes, a thousand times in
+     * one image. */
     png_set_keep_unknown_chunks(d->png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
     png_read_info(d->png, d->info);
 }
 
-/* Asks for 8 bits and alpha. Returns 0 if the image has no such channel. Allocates a row. */
+/* Asks libpng for 8 bits a channel and for alpha. Allocates a row. Returns 0 if the image has no
+ * such channel. */
 static int begin(struct decoder *d, int luminance)
 {
     const int kind = png_get_color_type(d->png, d->info);

@@ -102,15 +102,16 @@ static double width_of(const struct shape *shape, int axis)
     return fmin(shape->extent[0], shape->extent[other_of(axis)]);
 }
 
-/* A ground: seen along the axis nearly all faces show one side, and the scene is flat. */
+/* Returns 1 if the scene is a ground with this axis up: nearly all its faces show one side along
+ * the axis, and it is flat. */
 static int is_ground(const struct shape *shape, int axis)
 {
     return fabs(shape->signed_area[axis]) > 0.9 * shape->projected[axis] &&
            shape->extent[axis] <= 0.4 * width_of(shape, axis);
 }
 
-/* Floors and roofs: far more flat faces across this axis than across the other, or a plane that is
- * larger by half than any other. */
+/* Returns 1 if the scene has floors and roofs across this axis: far more flat faces than across the
+ * other axis, or a plane that is larger by half than any there. */
 static int has_largest_flats(const struct shape *shape, int axis)
 {
     double largest[3] = {0.0, 0.0, 0.0};
@@ -130,7 +131,8 @@ static int is_flat(const struct shape *shape, int axis)
     return shape->extent[axis] <= 0.2 * width_of(shape, axis);
 }
 
-/* A base on zero, of a thing that reaches to both sides of zero along the other axis. */
+/* Returns 1 if the scene's lowest place on this axis is at zero, while it reaches to both sides of
+ * zero on the other axis. */
 static int stands_on_zero(const struct shape *shape, int axis)
 {
     const int other = other_of(axis);
@@ -139,7 +141,8 @@ static int stands_on_zero(const struct shape *shape, int axis)
            share > -0.8 && share < -0.2;
 }
 
-/* A curved body with an opening at its lower end: what its faces sum up to points up. */
+/* Returns 1 for a curved body with an opening at its lower end: the sum of its faces' normals, each
+ * times its area, points up. */
 static int is_open_below(const struct shape *shape, int axis)
 {
     const double *sum = shape->signed_area;

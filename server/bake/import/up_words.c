@@ -87,8 +87,8 @@ static size_t split(struct umbb_cursor comment, struct word words[WORDS_MAX])
     return count;
 }
 
-/* The letter paired with the "up" at `at`: behind it if step is 1, before it if step is -1; NULL if
- * there is none. */
+/* Returns the letter paired with the "up" at `at`: the one behind it if step is 1, before it if
+ * step is -1; NULL if there is none. */
 static const struct word *letter_of(const struct word *words, size_t count, size_t at, int step)
 {
     for (size_t i = 1; i <= FILLERS_MAX + 1; i++) {
@@ -117,7 +117,8 @@ enum umbb_up umbb_up_of_comment(struct umbb_cursor comment)
     static const char blanks[] = "  ";
     char text[1026];
     struct word words[WORDS_MAX];
-    /* A copy with blanks before it, so that each word has two bytes before it. */
+    /* Copies the comment behind two blanks: the code that splits words may read two bytes before
+     * each word. */
     const size_t length =
         umbb_length(comment) < sizeof text - 2 ? umbb_length(comment) : sizeof text - 2;
     memcpy(text, blanks, 2);
@@ -179,7 +180,7 @@ enum umbb_up umbb_up_of_program(struct umbb_cursor comment)
     return UMBB_UP_UNKNOWN;
 }
 
-/* What all comments of a file say. */
+/* Evidence from all comments of a file. */
 struct said {
     enum umbb_up by_comment, by_program;
     int contradiction; /* 1: two comments name different axes */

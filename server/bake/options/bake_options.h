@@ -29,7 +29,7 @@ enum umbb_depth_path {
 };
 
 enum umbb_up_axis {
-    UMBB_UP_OF_SCENE = 0, /* y for glTF; what OBJ, PLY and STL files tell (umbs_scene_view.z_up) */
+    UMBB_UP_OF_SCENE = 0, /* y for glTF, else as found for the file (umbs_scene_view.z_up) */
     UMBB_UP_Y = 1,
     UMBB_UP_Z = 2,
 };
@@ -37,7 +37,7 @@ enum umbb_up_axis {
 /* Setting of half shadows (penumbras). */
 enum umbb_penumbra_mode {
     UMBB_PENUMBRA_AUTO = 0, /* on if a light's extent calls for it and occluders are known */
-    UMBB_PENUMBRA_ON,       /* keeps first occluders for it (`front`) */
+    UMBB_PENUMBRA_ON,       /* on; the asset keeps first occluders (`front`) */
     UMBB_PENUMBRA_OFF,      /* the asset's lights get no extent: queries have no penumbras */
 };
 

@@ -80,7 +80,8 @@ enum umbb_cage {
 /*
  * Tries an act in a separate process.
  *
- * In:  ground: folder for the cages of the bake and for paths of acts; else unused.
+ * In: ground: the temporary folder. Only the cages (sandboxes) of a bake and acts with paths use
+ * it.
  * Out: the verdict, or -1 if no process could be started or entered the cage.
  */
 int umbb_doctor_try(const struct umbb_act *act, enum umbb_cage cage,

@@ -108,7 +108,8 @@ static int is_refusal(int code)
     return code == EACCES || code == EPERM || code == ENOSYS || code == EXDEV;
 }
 
-/* Enters the sandbox of a bake of the ground's scene: paths and, if `whole`, the calls. */
+/* Enters the sandbox that a bake of the scene in the temporary folder would have: restricts paths
+ * and, if `whole` is 1, system calls. */
 static int enter_bake(const struct umbb_ground *ground, int whole, struct umbb_bake_sandbox *out)
 {
     const struct umbb_path_rule rules[] = {{ground->scene, UMBB_PATH_READ},

@@ -14,7 +14,8 @@
 #include "base/compat.h"
 #include "common/child_process.h"
 
-#ifndef EXEMPT /* coverage builds set it: the filter would kill a process that writes its counts */
+#ifndef EXEMPT /* coverage builds define EXEMPT as 1, because the filter would kill a process that
+                  writes its counts */
 #define EXEMPT UMB__SANITIZED
 #endif
 

@@ -223,7 +223,8 @@ static const uint16_t threads[] = {
     SYS_getppid, SYS_exit,        SYS_exit_group,
 };
 
-/* Signals, clocks, facts about the machine, and the end of the importer. */
+/* Allowed calls of a bake about signals, clocks, facts of the machine, and the end of the
+ * importer. */
 static const uint16_t facts[] = {
     SYS_rt_sigaction,    SYS_rt_sigprocmask, SYS_rt_sigreturn, SYS_sigaltstack,
     SYS_restart_syscall, SYS_clock_gettime,  SYS_clock_getres, SYS_clock_nanosleep,
@@ -286,7 +287,8 @@ static void allow_conditions(struct filter *filter, int importer, int socket)
 
 int umbb_bake_filter_enter(int importer, int socket)
 {
-    /* Other values of these arguments are refused, not fatal: libraries try to map more. */
+    /* Calls that get EACCES with any other value of the tested argument, and do not kill the
+     * process: libraries try more kinds of maps. */
     static const uint16_t refused[] = {SYS_mmap, SYS_mprotect};
     static const uint16_t stopped[] = {SYS_clone,   SYS_kill,    SYS_tgkill,
                                        SYS_sendmsg, SYS_recvmsg, SYS_recvfrom};

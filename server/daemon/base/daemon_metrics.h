@@ -89,8 +89,8 @@ static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
     atomic_fetch_add_explicit(counter, n, memory_order_relaxed);
 }
 
-/* Counts the start of a call. method: a row of metrics->methods. _handled counts the call's end;
- * code: 0..16. */
+/* Counts the start of a call. method: a row of metrics->methods. umbd_metrics_handled counts the
+ * call's end; code: 0..16. */
 void umbd_metrics_started(struct umbd_metrics *metrics, const struct umbd_method *method);
 void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method *method, int code,
                           uint64_t duration_ns);

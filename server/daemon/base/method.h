@@ -25,8 +25,9 @@ enum umbd_method_kind {
 /* Time at which a call is charged UMBD_CALL_POINTS. */
 enum umbd_price {
     UMBD_PRICE_CALL = 0, /* When the headers are complete */
-    /* Together with the points of each request, in one step. Charged in two steps, a call that
-     * costs more than a full second of the rate would pay the first step and fail at the second. */
+    /* With each request: the price is taken together with the request's points, in one step.
+     * Charged in two steps, a call that costs more than a full second of the rate would pay the
+     * first step and fail at the second. */
     UMBD_PRICE_REQUEST,
 };
 

@@ -52,8 +52,8 @@ void umbd_rate_owe(atomic_uint_fast64_t *paid_until_ns, uint64_t per_second, uin
         return;
     }
     do {
-        /* Limit of a debt: an hour. It bounds the price of one call, and the sum of calls side by
-         * side. */
+        /* A debt is paid within an hour at most. This limits the price of a single call, and of
+         * calls at the same time. */
         const uint64_t most = now_ns + (uint64_t)COST_MAX_NS;
         const uint64_t from = until > now_ns ? until : now_ns;
         next = from + cost_ns(per_second, points);

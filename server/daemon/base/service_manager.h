@@ -28,8 +28,8 @@ uint64_t umbd_watchdog_ms(void);
  */
 unsigned umbd_handed_sockets(void);
 
-/* Returns 1 if the manager named that socket (FileDescriptorName=) `name`. Call it before
- * umbd_handed_sockets. */
+/* Returns 1 if `name` is the name that the manager gave to passed socket number `index`
+ * (FileDescriptorName=). Call it before umbd_handed_sockets. */
 int umbd_handed_is_named(unsigned index, const char *name);
 
 #endif

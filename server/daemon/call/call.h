@@ -43,7 +43,7 @@
 struct umbd_calibrations;
 struct umbj_service;
 
-/* What calls are answered from. All loops share it. */
+/* Objects from which calls are answered; all loops share them. */
 struct umbd_backend {
     const struct umbd_method *methods; /* Table that ends with a row without a path */
     struct umbs_store *store;
@@ -194,8 +194,8 @@ void umbd_call_await(struct umbd_call *call, struct umbd_task *task, size_t byte
 UMB_CHECKED enum umb_status umbd_call_send_task(struct umbd_call *call, struct umbd_task *task,
                                                 size_t bytes, struct umb_error *error);
 
-/* _drop frees the waiting messages of a stream. _later continues with them in the loop's next
- * turn. */
+/* umbd_stream_drop frees the waiting messages of a stream. umbd_stream_later continues with them in
+ * the loop's next turn. */
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_later(struct umbd_call *call);
 
@@ -219,8 +219,9 @@ void umbd_call_reply_block(struct umbd_call *call, uint8_t *block, size_t first,
 void umbd_call_reply(struct umbd_call *call, struct umbw_buffer *message);
 
 /*
- * One step of a service: a function that fails with a status and an error. _error returns the place
- * for the error, empty. _ok takes the status: it returns 1, or fails the call and returns 0.
+ * One step of a service: a function that fails with a status and an error. umbd_call_error returns
+ * the place for the error, empty. umbd_call_ok takes the status: it returns 1, or fails the call
+ * and returns 0.
  *
  *     if (!umbd_call_ok(call, step(..., umbd_call_error(call)))) { return; }
  */
@@ -253,8 +254,8 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message);
 void umbd_call_fail_status(struct umbd_call *call, enum umb_status status,
                            const struct umb_error *error);
 
-/* The same as umbd_call_fail_status, for work. After E_BUSY (no room) the daemon also stops reading
- * from the connection until there is room. */
+/* The same as umbd_call_fail_status, for a call whose work the workers refused. After E_BUSY (a
+ * full queue) the daemon also stops reading from the connection until the queue has room. */
 void umbd_call_fail_work(struct umbd_call *call, enum umb_status status,
                          const struct umb_error *error);
 
@@ -272,7 +273,7 @@ void umbd_call_discard_unvalidated(struct umbd_call *call, const struct umb_erro
 void umbd_call_take_body(struct umbd_call *call, uint8_t *to, size_t count);
 
 /* Resets a call that needs no rights if its request or its reply is incomplete, because a drain
- * does not wait for such a call. The reset drops the queued answer, so flush before. */
+ * does not wait for such a call. The reset drops a queued answer, so flush the connection first. */
 void umbd_call_cut_open(struct umbd_call *call);
 
 /* --- Rights: token, rates of token and address (call_rights.c) --- */
@@ -293,7 +294,7 @@ const struct umbd_token *umbd_call_token(struct umbd_call *call);
  * for every caller but its owners and admins. The message is that of a missing asset, even if the
  * file is damaged: the owner of a scene must not learn whether another owner had it baked. An asset
  * that is also in the store under a name is visible to all; a bake of the same scene cannot hide
- * it. _sees returns 1 if a call may see an asset.
+ * it. umbd_call_sees returns 1 if a call may see an asset.
  */
 UMB_CHECKED enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id,
                                               struct umbs_entry **out, struct umb_error *error);
@@ -316,9 +317,9 @@ void umbd_call_owe_points(struct umbd_call *call, uint64_t points);
  * Charges a call that needs no rights to its address's rate, UMBD_OPEN_CALLS_PER_SECOND. This rate
  * is separate from --address-rate, so a client over --address-rate does not fail a balancer's
  * health check. In addition each connection may make UMBD_OPEN_CALLS_OF_ONE calls a second. Unix
- * sockets have no rate. Beyond the rate, _open fails the call with a retry delay, and the daemon
- * stops reading from a connection without rights for a moment. _refused charges a call that fails
- * anyway.
+ * sockets have no rate. Beyond the rate, umbd_call_take_open fails the call with a retry delay, and
+ * the daemon stops reading from a connection without rights for a moment. umbd_call_refused charges
+ * a call that fails anyway.
  */
 int umbd_call_take_open(struct umbd_call *call);
 void umbd_call_refused(struct umbd_call *call);
@@ -332,10 +333,10 @@ void umbd_conn_forget_rights(struct umbd_conn *conn);
  * over. */
 void umbd_call_serve(struct umbd_call *call);
 
-/* _message takes the next message, with the arguments of umbw_message_fn. _pump continues with
- * waiting messages. _window returns how many bytes of a DATA frame flow control may give back at
- * once. _charge counts the memory held now. _last_call ends the stream after the received
- * requests. */
+/* umbd_stream_message takes the next message, with the arguments of umbw_message_fn. _pump
+ * continues with waiting messages. _window returns how many bytes of a DATA frame flow control may
+ * give back at once. _charge counts the memory held now. _last_call ends the stream after the
+ * received requests. */
 UMB_CHECKED enum umb_status umbd_stream_message(struct umbd_call *call, uint8_t *message,
                                                 size_t size, int owned);
 void umbd_stream_pump(struct umbd_call *call);

@@ -64,8 +64,8 @@ static size_t add_status(const struct umbd_call *call, struct status_text *text,
     return count;
 }
 
-/* If memory is short even for a reset, the connection is closed, so that its client does not wait
- * for ever. */
+/* Resets the call's stream. If memory is short even for that, closes the connection, so that its
+ * client does not wait for ever. */
 static void reset_stream(struct umbd_call *call)
 {
     if (nghttp2_submit_rst_stream(call->conn->session, NGHTTP2_FLAG_NONE, call->stream_id,

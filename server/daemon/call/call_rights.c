@@ -79,7 +79,8 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     uint8_t id[UMB_ID_BYTES];
     *out = NULL;
     if (umb_id_from_text(name_or_id, id) == UMB_OK && !umbd_call_sees(call, id)) {
-        return umbs_store_not_found(name_or_id, error); /* neither that it is damaged */
+        return umbs_store_not_found(name_or_id, error); /* the caller does not learn either whether
+                                                           it is damaged */
     }
     enum umb_status status = umbs_reader_acquire(call->home->reader, name_or_id, out, error);
     if (status == UMB_OK && !umbd_call_sees(call, umbs_entry_item(*out)->id)) {
@@ -90,8 +91,8 @@ enum umb_status umbd_call_acquire(struct umbd_call *call, const char *name_or_id
     return status;
 }
 
-/* Plain TCP has no confidentiality: an eavesdropper could replay the token, and anyone can
- * connect. */
+/* Returns 1 for a plain TCP connection. It has no confidentiality: an eavesdropper could replay the
+ * token, and anyone can connect. */
 static int is_plain_tcp(const struct umbd_conn *conn)
 {
     return conn->tls == NULL && conn->socket.handle.type == UV_TCP;

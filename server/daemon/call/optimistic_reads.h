@@ -14,8 +14,8 @@
  *     umbd_optimistic_reads_find, umbs_entry_read_optimistic, umbd_optimistic_reads_add,
  *     umbd_call_commit ... umbd_optimistic_reads_revalidate, send
  *
- * The flush at the end of an event revalidates, at the latest the tick. A replaced version is not
- * held longer than that. Threads: the loop's.
+ * The flush at the end of an event revalidates, at the latest the flush of the next tick. So a
+ * replaced version is not held longer than until then. Threads: the loop's.
  */
 #include <stddef.h>
 #include <stdint.h>

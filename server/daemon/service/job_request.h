@@ -21,7 +21,8 @@
 
 struct umbd_job_request;
 
-/* What a request does while it is away. If files fails, work is not called. */
+/* Functions that serve a request: files and work run on threads of the job service, answer on the
+ * loop. If files fails, work is not called. */
 struct umbd_job_step {
     void (*files)(struct umbd_job_request *job_request);                              /* Or NULL */
     void (*work)(struct umbd_job_request *job_request, struct umbj_service *service); /* Or NULL */

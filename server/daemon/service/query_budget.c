@@ -13,8 +13,9 @@
 #include "daemon/work/calibrations.h"
 #include "tool/clock.h"
 
-/* Points that a calibration costs on the rates. They are taken in one step with the request's own
- * points. In two steps, the debt of the calibration would make the request fail. */
+/* Number of points by which a calibration is charged against the rates. They are taken in one step
+ * with the request's own points. In two steps, the debt of the calibration would make the request
+ * fail. */
 #define DETOUR_POINTS 65536
 
 #define PIXEL_BYTES (3 * sizeof(float)) /* a picture's pixel as a point */

@@ -34,8 +34,8 @@ struct deriving {
     struct umbw_buffer messages; /* the replies, prefixes included */
 };
 
-/* Allocator of struct umb_alloc: realloc that lists its blocks. It reads no mapped file, so no
- * fault can end it midway. */
+/* Allocates, resizes and frees like realloc, and lists the blocks (struct umb_alloc). It reads no
+ * mapped file, so no fault can end it midway. */
 static void *ledger_resize(void *user, void *memory, size_t bytes)
 {
     struct deriving *d = user;

@@ -344,7 +344,8 @@ static enum umb_status answer_batch(struct umbd_call *call, struct umbd_batch *b
 
 static void serve_paid(struct umbd_call *call);
 
-/* is_paid: 1 if the request was charged before its calibration and must not be charged again. */
+/* Serves a Query, or one request of a QueryStream. is_paid: 1 if the request was charged before its
+ * calibration and must not be charged again. */
 static void serve(struct umbd_call *call, int is_paid)
 {
     struct umbd_call_home *home = call->home;

@@ -170,9 +170,10 @@ void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
 
 /*
- * Two steps that ask a connection to leave without losing a call. _notice sends a GOAWAY that still
- * admits requests on their way. _last_call follows UMBD_NOTICE_MS later with the final GOAWAY. It
- * ends endless replies, and ends streams when they have answered the received requests.
+ * Two steps that ask a connection to leave without losing a call. umbd_conn_notice sends a GOAWAY
+ * that still admits requests on their way. umbd_conn_last_call follows UMBD_NOTICE_MS later with
+ * the final GOAWAY. It ends endless replies, and ends streams when they have answered the received
+ * requests.
  */
 #define UMBD_NOTICE_MS 200 /* more than a round trip */
 void umbd_conn_notice(struct umbd_conn *conn);
@@ -183,8 +184,8 @@ void umbd_conn_last_call(struct umbd_conn *conn);
 void umbd_conn_abuse(struct umbd_conn *conn, enum umbd_abuse kind, const char *why);
 
 /* Counts bytes held for the connection's calls. Returns 1; or 0 if that would exceed a budget,
- * which *limit and *option then name. _hand_over moves bytes from the connection's account to the
- * server's alone. */
+ * which *limit and *option then name. umbd_conn_hand_over moves bytes from the connection's account
+ * to the server's alone. */
 int umbd_conn_charge(struct umbd_conn *conn, size_t bytes, uint64_t *limit, const char **option);
 void umbd_conn_uncharge(struct umbd_conn *conn, size_t bytes);
 void umbd_conn_hand_over(struct umbd_conn *conn, size_t bytes);

@@ -9,22 +9,22 @@
  * Without a token file every caller has rights, so the limits apply to single addresses. Every
  * connection keeps a stranger's allowance. The allowances of all connections fit into the last
  * quarter of --max-buffer, so small calls are always answered. Large calls share the first three
- * quarters: there an address may hold three times what it leaves free.
+ * quarters: there one address may hold up to three times as many bytes as are still free.
  *
  * Invariants: the strangers of a loop are in its list, oldest first. Their `buffered` add up to the
- * server's stranger_buffered. A connection's allowance is a stranger's allowance and `taken`, or
+ * server's stranger_buffered. A connection's allowance is a stranger's allowance plus `taken`, or
  * SIZE_MAX. An account's `granted` is the sum of its connections' `taken`.
  */
 #include "daemon/transport/conn.h"
 
-#define ADDRESS_PART 3 /* times the free bytes: the most that one address may hold */
-#define GRANT_BYTES  ((size_t)64 << 10) /* granted to a connection at once */
-#define GRANT_SLACK  (4 * GRANT_BYTES)  /* kept by a connection when its calls end */
+#define ADDRESS_PART 3                  /* One address may hold this many times the free bytes */
+#define GRANT_BYTES  ((size_t)64 << 10) /* Unit in which a connection gets more bytes */
+#define GRANT_SLACK  (4 * GRANT_BYTES)  /* Bytes that a connection keeps when its calls end */
 
-/* Range of the bytes that a stranger may hold; the value is a connection's part of the strangers'
- * share. */
+/* Limits of a stranger's allowance in bytes. The allowance is the strangers' share of --max-buffer
+ * divided by --max-connections, but within these limits. */
 #define STRANGER_BYTES     65536
-#define STRANGER_BYTES_LOW 16384 /* a Watch and the call that shows a right fit */
+#define STRANGER_BYTES_LOW 16384 /* Enough for a Watch and a call with a token */
 
 void umbd_server_init(struct umbd_server *server, const struct umbd_options *options)
 {
@@ -85,7 +85,7 @@ void umbd_conn_leave(struct umbd_conn *conn)
 {
     if (!conn->proven) {
         stranger_unlink(conn);
-        /* From here on its bytes being written count for the daemon only. */
+        /* Its bytes still to be written count in the daemon's sum only, not in the strangers'. */
         atomic_fetch_sub(&conn->server->stranger_buffered, conn->buffered);
         conn->proven = 1;
     }

@@ -164,8 +164,8 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
     return 0;
 }
 
-/* When the peer breaks the protocol, nghttp2 ends the session by itself. The GOAWAY frame has the
- * reason. */
+/* Logs the reason in a GOAWAY frame by which nghttp2 ends the session itself, because the peer
+ * broke the protocol. */
 static void note_goaway(struct umbd_conn *conn, const nghttp2_goaway *frame)
 {
     char reason[64];

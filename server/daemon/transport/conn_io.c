@@ -139,9 +139,9 @@ void umbd_conn_flush(struct umbd_conn *conn)
 }
 
 /*
- * Chooses the room for the next bytes. If a large part of one DATA frame is still to come, it is
- * read straight into its message, else into the loop's buffer. Bytes read into a message belong to
- * that frame alone. So they are not read again once the call has them, even if the call then drops
+ * Chooses the memory into which libuv reads the next bytes. If a large part of one DATA frame is
+ * still to come, that is the frame's message, else the loop's buffer. A read into a message gets
+ * bytes of that frame alone. Nothing reads them again once the call has them, so the call may drop
  * its message. libuv reads and calls back at once, so the call cannot end in between.
  */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)

@@ -14,7 +14,8 @@
 #define SLOWEST_BYTES 16     /* bytes a millisecond that a peer must read while a reply waits */
 #define HOLD_MS       600000 /* milliseconds in which a peer must read all bytes held for it */
 #define AGE_SHARE                                                                                  \
-    10 /* Largest deviation of a connection's age limit from --max-age: one part in this many */
+    10 /* Largest deviation of a connection's age limit from --max-age, as a divisor: 10 = a
+          tenth */
 #define STALL_MARGIN_MS 1000 /* stalled streams are reset first, the others go on */
 
 /* Returns the time when a connection is asked to leave. Connections that came together must not

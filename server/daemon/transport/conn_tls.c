@@ -9,8 +9,8 @@
 #define KEPT_MAX  65536 /* bytes of records kept for a peer that reads none */
 #define LOOKS_MAX 256   /* certificates verified again in one tick: 20 ms */
 
-/* Appends records to the loop's buffer. Returns false if they exceed its capacity: all output and a
- * handshake. */
+/* Appends records to the loop's buffer. Returns false if they exceed its capacity, which is enough
+ * for all output and a handshake. */
 static bool put_records(void *user, const uint8_t *bytes, size_t count)
 {
     struct umbd_loop *loop = ((struct umbd_conn *)user)->loop;

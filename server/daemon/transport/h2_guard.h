@@ -21,7 +21,8 @@
 /* Bytes of a DATA frame below which it counts as a control frame, unless it ends its stream. */
 #define UMBD_TINY_DATA 256
 /* Bytes of a DATA frame that pays for the small DATA frames and WINDOW_UPDATEs that come with it.
- * HAProxy 2.6 sends 0.9 and 0.4 of them for every frame of about 16 KiB. */
+ * For every frame of about 16 KiB, HAProxy 2.6 sends 0.9 small DATA frames and 0.4
+ * WINDOW_UPDATEs. */
 #define UMBD_LONG_DATA   4096
 #define UMBD_LONG_CREDIT 4
 

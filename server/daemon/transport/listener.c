@@ -103,7 +103,8 @@ static int permit(const char *path, mode_t mode)
     return code;
 }
 
-/* The permissions are set before listen, and clients can connect only after listen. */
+/* Makes and binds a Unix socket and sets its permissions. That is before listen, and clients can
+ * connect only after listen. */
 static int bind_unix(struct umbd_listener *listener, const struct umbn_address *address, int *fd)
 {
     struct sockaddr_un name = {.sun_family = AF_UNIX};

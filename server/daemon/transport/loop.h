@@ -84,21 +84,22 @@ void umbd_loop_mark(struct umbd_conn *conn);
 
 /* Returns 1 if the connection may still answer small requests on the loop's thread in this wake-up:
  * neither the loop's time (UMBD_INLINE_NS) nor the connection's part of it (UMBD_TURN_NS) is used
- * up. _began returns the time at which a piece of work begins: the clock as last read in this
- * wake-up, so that each piece of work reads the clock only once, at its end. _spent ends the work
- * and adds its time to both sums. */
+ * up. umbd_conn_began returns the time at which a piece of work begins: the clock as last read in
+ * this wake-up, so that each piece of work reads the clock only once, at its end. umbd_conn_spent
+ * ends the work and adds its time to both sums. */
 int umbd_conn_has_turn(struct umbd_conn *conn);
 uint64_t umbd_conn_began(struct umbd_conn *conn);
 void umbd_conn_spent(struct umbd_conn *conn, uint64_t began_ns);
 
-/* Returns the time of uv_hrtime at which the event began, in steps of a millisecond. Budgets of
- * frames use it, because reading the clock would cost more than the frame. */
+/* Returns the time of uv_hrtime at which the event began, in steps of a millisecond. The budgets of
+ * HTTP/2 frames use this time, because reading the clock would cost more than a frame. */
 uint64_t umbd_loop_coarse_ns(const struct umbd_loop *loop);
 
 /* 1 if a warning about a peer may be logged now. */
 int umbd_loop_may_log(struct umbd_loop *loop);
 
-/* _idlest returns the loop with the fewest connections. _after returns the next loop in a ring. */
+/* umbd_loops_idlest returns the loop with the fewest connections, umbd_loop_after the next loop in
+ * a ring. */
 struct umbd_loop *umbd_loops_idlest(struct umbd_server *server);
 struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
 
@@ -117,8 +118,8 @@ void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transp
 /* Starts the drain of every other loop; a second call ends these loops at once. */
 void umbd_loops_drain(struct umbd_loop *from);
 
-/* Starts the drain of a loop (drain.c); a second call ends everything at once. _step advances the
- * drain and is called with each tick. */
+/* Starts the drain of a loop (drain.c); a second call ends everything at once. umbd_loop_drain_step
+ * advances the drain and is called with each tick. */
 void umbd_loop_drain(struct umbd_loop *loop);
 void umbd_loop_drain_step(struct umbd_loop *loop);
 
@@ -144,8 +145,8 @@ UMB_CHECKED enum umb_status umbd_loops_run(struct umbd_server *server,
                                                                     struct umb_error *error),
                                            struct umb_error *error);
 
-/* Closes all connections and listeners. _finish frees the loops; call it when no task runs any
- * more. */
+/* Closes all connections and listeners. umbd_loops_finish frees the loops; call it when no task
+ * runs any more. */
 void umbd_loops_stop(struct umbd_server *server);
 void umbd_loops_finish(struct umbd_server *server);
 

@@ -167,9 +167,9 @@ void umbd_batch_recycle(struct umbd_batch *batch, struct umbd_batch **spare)
     }
 }
 
-/* Most look-ups that are timed by the wall clock. Reading the thread's CPU time is a system call of
- * 0.7 us, longer than a few look-ups take. A thread switch hardly ever falls into such a short
- * time, so the wall clock is more accurate there. */
+/* Reads the clock that times so many points: the wall clock for a few, else the thread's CPU time.
+ * Reading the CPU time is a system call of 0.7 us, longer than a few look-ups take. A thread switch
+ * hardly ever falls into such a short time, so the wall clock is more accurate there. */
 static uint64_t cost_clock_ns(size_t points)
 {
     return points < CPU_CLOCK_POINTS ? umbu_clock_ns() : umbu_thread_cpu_ns();

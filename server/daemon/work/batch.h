@@ -50,7 +50,7 @@ struct umbd_batch {
     struct umbd_part *parts; /* [part_limit] */
     size_t part_limit;
     struct umb_points points;
-    /* Settings of all parts. Its light is that of the last part added, its taps the largest of any
+    /* Settings of all parts: `light` is that of the last part added, `taps` the largest of any
      * part. */
     struct umb_query_settings settings;
     struct umb_dial dial; /* Chooses taps and level of each part, if it has a limit */

@@ -106,8 +106,8 @@ static void slice_ended(struct umbd_pool *pool, struct umbd_task *task, size_t f
     }
 }
 
-/* Returns 1 if a lane's head has given up enough turns. An expired head counts as due, so that it
- * is failed. */
+/* Returns 1 if a lane's head (its first task) has given up enough turns. An expired head counts as
+ * due too, so that the caller fails it. */
 static int is_due(const struct umbd_task *head)
 {
     return head->waited + 1 >= head->turns ||

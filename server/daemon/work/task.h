@@ -18,7 +18,7 @@
 struct umbd_call;
 struct umbd_pool;
 
-/* What a slice adds to the results of its task. */
+/* Results of a slice, which are added to those of its task. */
 struct umbd_slice_result {
     struct umb_query_stats stats;
     uint64_t cpu_ns;

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * umbraged with grpc.testing.TestService, which the gRPC project's interop clients ask: only in
- * BUILD/interop/umbraged, to show that the framing is any gRPC server's. Never shipped.
+ * umbraged with grpc.testing.TestService, the service that the gRPC project's interop clients call.
+ * It is in BUILD/interop/umbraged only, which is never shipped, and shows that the framing is that
+ * of any gRPC server.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -22,7 +23,7 @@ struct echo {
     int32_t total;     /* Bytes that came in a StreamingInputCall */
 };
 
-/* The call's state, made on first use; NULL: out of memory. */
+/* Returns the call's state, made at the first use; NULL: out of memory. */
 static struct echo *echo_of(struct umbd_call *call)
 {
     if (call->state == NULL) {
@@ -79,7 +80,7 @@ static void reply(struct umbd_call *call, const ProtobufCMessage *message)
     }
 }
 
-/* Fails the call as the client wishes; returns 1 if it did. */
+/* Fails the call if the client asks for that; returns 1 if it did. */
 static int fails(struct umbd_call *call, const Grpc__Testing__EchoStatus *status)
 {
     if (status == NULL || status->code == 0) {
@@ -211,7 +212,7 @@ static const struct umbd_method own[] = {
      OF_SERVICE},
 };
 
-/* Serves the daemon's methods, and these before them. */
+/* Serves these methods, and the daemon's own. */
 int main(int argc, char **argv)
 {
     static struct umbd_method all[UMBD_METHODS_MAX];

@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_UNIT_BAKE_BAKE_SOUPS_H
 #define UMBRAGE_TESTS_UNIT_BAKE_BAKE_SOUPS_H
 /*
- * Random casters in voxel space for the bake's tests: boxes, balls, soups, slivers; and a slow
- * reader of octrees. Include after cmocka.h.
+ * Random casters in voxel space for the bake's tests: boxes, balls, slivers, and "soups" of loose
+ * triangles; and a slow reader of octrees. Include after cmocka.h.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -53,7 +53,8 @@ static inline double soup_unit(struct soup *soup)
     return (double)(soup_bits(soup) >> 11) * 0x1p-53;
 }
 
-/* A coordinate within the frustum; on a texel centre or border in two cases out of four. */
+/* Draws a coordinate within the frustum; in two cases out of four it is on a texel's centre or
+ * border. */
 static inline double soup_coordinate(struct soup *soup)
 {
     const double value = 0.5 + soup_unit(soup) * (soup->size - 1);
@@ -84,7 +85,7 @@ static inline void soup_add(struct soup *soup, const double a[3], const double b
     soup->kinds[soup->count++] = (uint8_t)kind;
 }
 
-/* A closed triangle; kept outward, or turned around and marked so. */
+/* Adds a closed triangle: outward as it is, or turned around and marked so. */
 static inline void soup_add_closed(struct soup *soup, const double a[3], const double b[3],
                                    const double c[3], int flipped)
 {
@@ -92,7 +93,8 @@ static inline void soup_add_closed(struct soup *soup, const double a[3], const d
              flipped ? UMBB_CASTER_CLOSED_FLIPPED : UMBB_CASTER_CLOSED);
 }
 
-/* A closed box of which corner i is low or high by bits of i; any hexahedron with plane faces. */
+/* Adds a closed box, in which bit k of a corner's number says whether the corner is low or high on
+ * axis k. Any hexahedron with plane faces is possible. */
 static inline void soup_hexahedron(struct soup *soup, double v[8][3], int flipped)
 {
     static const int face[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4},
@@ -115,7 +117,7 @@ static inline void soup_box(struct soup *soup, const double low[3], const double
     soup_hexahedron(soup, v, flipped);
 }
 
-/* An axis-aligned box, or one sheared along z so that no face is parallel to the light. */
+/* Adds an axis-aligned box, or one sheared along z so that no face is parallel to the light. */
 static inline void soup_random_box(struct soup *soup)
 {
     double low[3], high[3], v[8][3];
@@ -140,7 +142,7 @@ static inline void soup_random_box(struct soup *soup)
     soup_hexahedron(soup, v, soup_bits(soup) % 3 == 0);
 }
 
-/* A closed ball of latitude and longitude, its corners computed once so that edges match. */
+/* Adds a closed ball of rings and sectors. Its corners are computed once, so that edges match. */
 static inline void soup_random_ball(struct soup *soup)
 {
     enum {
@@ -256,8 +258,8 @@ static inline void soup_bake(const struct soup *soup, int closed_rule, uint32_t 
     depth.destroy(depth.state);
 }
 
-/* Which of the eight voxels of a column from z & ~7 on the octree says are lit, a bit each: from
- * the root down, a child at a time. */
+/* Returns which of the eight voxels of a column, from z rounded down to a multiple of 8, are lit in
+ * the octree: a bit for each. Descends from the root, a child at a time. */
 static inline unsigned octree_eight(const struct umb__octree *octree, uint32_t x, uint32_t y,
                                     uint32_t z)
 {
@@ -290,7 +292,7 @@ static inline unsigned octree_eight(const struct umb__octree *octree, uint32_t x
     return lit;
 }
 
-/* 1 if the octree says that a voxel is lit. */
+/* Returns 1 if a voxel is lit in the octree. */
 static inline int octree_voxel(const struct umb__octree *octree, uint32_t x, uint32_t y, uint32_t z)
 {
     return (int)(octree_eight(octree, x, y, z) >> (z & 7) & 1);

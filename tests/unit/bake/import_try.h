@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_TESTS_UNIT_BAKE_IMPORT_TRY_H
 #define UMBRAGE_TESTS_UNIT_BAKE_IMPORT_TRY_H
 /*
- * Imports for tests: whole ones through the process, and a reader alone in this process on a block
- * of exactly the right size, for sweeps under ASan. A test program that includes this starts with
+ * Imports for tests: complete imports through the import process; and a single reader in this
+ * process, on a block of exactly the file's size, for sweeps under ASan. A test program that
+ * includes this starts with
  *     if (is_import_child(argc, argv)) { return umbb_import_child(argc, argv); }
  */
 #include <setjmp.h>
@@ -83,7 +84,7 @@ static inline enum umb_status try_bytes(const char *name, const void *bytes, siz
     return status;
 }
 
-/* The same with a text that must import. */
+/* Does the same with a text that must be imported. */
 static inline struct umbs_scene *import_text(const char *name, const char *text)
 {
     struct umbs_scene *scene;
@@ -123,7 +124,7 @@ static inline void expect_normal(const struct umbs_scene *scene, size_t triangle
                 fabs((double)normal[2] - z) < 1e-6);
 }
 
-/* The same with a text that must be refused with words. */
+/* Does the same with a text that must be refused, with given words in the message. */
 static inline void expect_refusal(const char *name, const char *text, const char *words)
 {
     struct umbs_scene *scene;
@@ -170,7 +171,7 @@ static inline enum umb_status try_append(void *user, const void *data, size_t co
     return UMB_OK;
 }
 
-/* Runs one reader in this process; whatever it accepts must be a valid buffer. */
+/* Runs one reader in this process. What the reader accepts must be a valid scene buffer. */
 static inline enum umb_status read_here(enum umb_status (*reader)(struct umbb_import *,
                                                                   struct umb_error *),
                                         const void *bytes, size_t size)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From a scene to casters, light and plan; and the texts that come of it. */
+/* The way from a scene to casters, light and plan; and the texts made from them. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -122,7 +122,7 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_true(a.bounds.min[2] == -3.0 && a.bounds.max[2] == 1.0);
     assert_true(a.origin[0] == 96.0 && a.origin[1] == 0.0 && a.origin[2] == -1.0);
     assert_int_equal(a.cuts.figures.mask_triangles, 2);
-    /* All lights, directions made unit, a frustum each. */
+    /* Checks that all lights have unit directions and a frustum each. */
     assert_int_equal(a.choice.count, 3);
     assert_int_equal(a.frustum_count, 3);
     assert_string_equal(a.choice.lights[0].name, "lamp");
@@ -151,7 +151,8 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     umbb_analysis_finish(&a); /* harmless */
 }
 
-/* The self-check tells inside from outside by the winding, so it must get the solid turned. */
+/* The self-check tells inside from outside by the winding, so the turned solid must be stored
+ * outward. */
 static void inside_out_solid_winds_outward_for_the_self_check(void **state)
 {
     (void)state;
@@ -190,7 +191,7 @@ static void inside_out_solid_winds_outward_for_the_self_check(void **state)
     umbb_analysis_finish(&a);
 }
 
-/* The plan states the price of the rule, and the word that changes the choice. */
+/* The plan must state the price of the rule, and the option that changes the choice. */
 static void plan_states_what_the_closed_rule_saves(void **state)
 {
     (void)state;
@@ -237,7 +238,7 @@ static void plan_states_what_the_closed_rule_saves(void **state)
         free(plan);
         umbb_analysis_finish(&a);
     }
-    /* On the caller's word the rule is used, for all parts or for the closed ones. */
+    /* If the caller says so, the rule is used for all parts, or for the closed ones. */
     static const enum umbb_closed_mode modes[] = {UMBB_CLOSED_ON, UMBB_CLOSED_PARTS};
     for (int i = 0; i < 2; i++) {
         struct umbb_analysis a;
@@ -305,7 +306,7 @@ static void lights_are_chosen_by_option(void **state)
     umbb_analysis_finish(&a);
 }
 
-/* An equinox at the equator: up from six to six, from east to west. */
+/* At an equinox at the equator the sun is up from six to six, and goes from east to west. */
 static void sun_paths_and_sizes_become_lights(void **state)
 {
     (void)state;
@@ -325,7 +326,7 @@ static void sun_paths_and_sizes_become_lights(void **state)
     assert_true(a.choice.lights[5].direction[2] < -0.999); /* noon: from above */
     assert_true(a.choice.lights[0].direction[0] < -0.9);   /* morning: towards the west */
     assert_true(fabs(a.choice.lights[0].extent - 0.00925) < 1e-5);
-    /* A sun of the file has the sun's size, too. */
+    /* A sun of the scene file must have the sun's size, too. */
     assert_true(a.choice.lights[12].extent == a.choice.lights[0].extent);
     umbb_analysis_finish(&a);
     wanted->has_size_deg = 1;
@@ -429,7 +430,8 @@ static void triangles_below_their_cut_off_are_dropped_unless_they_are_to_be_opaq
     assert_non_null(strstr(error.message, "the alpha of all is below"));
 }
 
-/* What is opaque all over stays, what is clear goes, the rest is kept apart. */
+/* Materials that are opaque all over are kept, those that are clear all over are dropped, and the
+ * others are kept apart as translucent. */
 static void translucent_triangles_leave_the_casters_unless_they_are_to_be_opaque(void **state)
 {
     (void)state;
@@ -582,7 +584,7 @@ static void memory_is_divided_within_the_limit(void **state)
     input.memory_bytes = (uint64_t)100 << 20;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_E_LIMIT);
     assert_non_null(strstr(error.message, "100 MiB"));
-    /* The static rule: 6 bytes a triangle, 64 rows of the tile a thread. */
+    /* Memory of the static rule: 6 bytes a triangle, and for each thread 64 rows of the tile. */
     input.memory_bytes = (uint64_t)4 << 30;
     input.threads = 256;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
@@ -592,14 +594,14 @@ static void memory_is_divided_within_the_limit(void **state)
     assert_int_equal(plan.tile_log2, 12);
     assert_true(plan.fixed_bytes >= free_of_rules + ((uint64_t)256 << 20));
     assert_true(plan.fixed_bytes + plan.octree_max_bytes <= input.memory_bytes);
-    /* What says which cells hold receivers: 32 KiB a frustum. */
+    /* Memory of the receiver mask, which says which cells hold receivers: 32 KiB a frustum. */
     const uint64_t of_one = plan.fixed_bytes;
     input.ruled_frusta = 1024;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);
     assert_int_equal(plan.fixed_bytes, of_one + 1023 * 32768);
     input.ruled_frusta = 0;
     input.threads = 2;
-    /* A merge draws no tile: the size asked for is free. */
+    /* A merge draws no tile, so any tile size may be given. */
     input.memory_bytes = (uint64_t)700 << 20;
     input.merging = 1;
     assert_int_equal(umbb_memory_divide(&input, &plan, &error), UMB_OK);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The command line: what is read, what is refused, and that a refusal names option and value. */
+/* The command line of umbrage-bake: what it accepts and refuses. A refusal must name the option and
+ * the value. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

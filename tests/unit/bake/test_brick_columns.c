@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The column over one square of 16x16 texels, low or high, voxel by voxel against its texels. */
+/* Compares the column over one square of 16x16 texels, voxel by voxel, with the texels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -19,7 +19,8 @@ static uint32_t draw(uint32_t end)
     return (uint32_t)((uint64_t)seed * end >> 32);
 }
 
-/* Texels within `spread` of one another. In: gap: most that a texel's end lies behind its lit. */
+/* Draws texels within `spread` of one another. In: gap: most that a texel's `end` lies behind its
+ * `lit`. */
 static void fill(struct umbb_tile *tile, uint32_t spread, uint32_t gap)
 {
     const uint32_t base = 16 + draw(100);

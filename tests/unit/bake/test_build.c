@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The build: every defined voxel of the octree equals lit and end, for every tile size and number
- * of threads the same tree, canonical.
+ * The build: every defined voxel of the octree must agree with lit and end of its texel. Every tile
+ * size and number of threads must give the same canonical tree.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -38,7 +38,7 @@ static struct slow_triangle *slow_prepare(const struct soup *soup, int closed_ru
     return list;
 }
 
-/* lit and end of a texel from all triangles, without tiles, bins or spans. */
+/* Computes lit and end of a texel from all triangles, without tiles, bins or spans. */
 static void slow_texel(const struct slow_triangle *list, size_t count, int32_t size, int32_t x,
                        int32_t y, int32_t *lit, int32_t *end)
 {
@@ -117,7 +117,7 @@ static void every_defined_voxel_of_closed_solids_is_right(void **state)
     soup_finish(&soup);
 }
 
-/* 1 if two nodes of two trees are equal all the way down. */
+/* Returns 1 if two nodes of two trees are equal, down to the bricks. */
 static int same_tree(const struct umb__octree *a, const struct umb__octree *b, uint32_t level,
                      uint32_t i, uint32_t k, uint32_t *const seen[])
 {
@@ -342,7 +342,8 @@ static void the_shared_limit_counts_columns_and_lists_too(void **state)
     soup_finish(&soup);
 }
 
-/* Squares of a tile that do not fit into their share of what is left are built another way. */
+/* Squares that do not fit into their tile's share of the memory that is left are built in another
+ * way. */
 static void octrees_do_not_depend_on_the_memory_that_is_left(void **state)
 {
     (void)state;

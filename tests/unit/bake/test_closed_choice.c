@@ -13,7 +13,7 @@
 #include "bake/byte_growth.h"
 #include "bake/plan_choices.h"
 
-/* Costs at three resolutions from 2^10 on: every level grows by `growth`. */
+/* Makes costs at three resolutions from 2^10 on, in which every level grows by `growth`. */
 static void make_costs(struct umbb_costs costs[3], double first, double growth, double density)
 {
     memset(costs, 0, 3 * sizeof *costs);
@@ -35,7 +35,7 @@ static double sum_at(double first, double growth, uint32_t doublings, uint32_t l
     return sum;
 }
 
-/* Steady growth goes on, whatever its rate. */
+/* A steady growth must be continued, whatever its rate. */
 static void steady_growth_is_continued(void **state)
 {
     (void)state;
@@ -58,7 +58,8 @@ static void steady_growth_is_continued(void **state)
     }
 }
 
-/* Lines beside areas: the ratio of the rules goes on as it did. */
+/* Costs may grow like lines beside areas: the ratio between the two rules must be continued as it
+ * was. */
 static void ratio_of_the_rules_is_continued(void **state)
 {
     (void)state;
@@ -173,7 +174,7 @@ static struct umbb_options options_at(uint32_t log2_size)
                                  .quiet = 1};
 }
 
-/* The cube fills the map or is a speck on the square: area says 99 % and 0.1 %. */
+/* The cube fills the map, or is a speck on the square: by area the shares are 99 % and 0.1 %. */
 static void rule_is_chosen_by_the_bytes_that_it_saves(void **state)
 {
     (void)state;
@@ -190,7 +191,8 @@ static void rule_is_chosen_by_the_bytes_that_it_saves(void **state)
         assert_int_equal(choose(&s, &options, &price), 0);
         assert_true(price.known && price.saved < UMBB_CLOSED_SAVES);
     }
-    /* At a fine resolution the same small cube is worth it: 0.6 % of the area. */
+    /* At a fine resolution the closed rule pays for the same small cube, although it is 0.6 % of
+     * the area. */
     cube_scene_init(&s, 10.0, 300.0);
     struct umbb_options fine = options_at(12);
     fine.plan = 1;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The predicate: watertight, independent of corner order, and right where geometry leaves no doubt.
- */
+/* The predicate that decides coverage must be watertight, independent of the order of corners, and
+ * right where geometry leaves no doubt. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -36,7 +36,7 @@ static void seed(uint64_t value)
     print_message("seed %llu\n", (unsigned long long)value);
 }
 
-/* A coordinate that often lies exactly on a texel centre or border. */
+/* Draws a coordinate that often lies exactly on a texel's centre or border. */
 static double random_coordinate(void)
 {
     const double value = 1.0 + random_unit() * (SIZE - 2);
@@ -65,7 +65,8 @@ static void count_cover(double v[3][3], int counts[SIZE][SIZE])
     }
 }
 
-/* A fan around a centre with a convex outline: each centre strictly within is covered. */
+/* Draws a fan around a centre with a convex outline. Every centre strictly inside must be
+ * covered. */
 static void fans_leave_no_centre_uncovered(void **state)
 {
     (void)state;
@@ -114,7 +115,7 @@ static void fans_leave_no_centre_uncovered(void **state)
     }
 }
 
-/* A square cut along random vertices that lie on texel centres as often as not. */
+/* Cuts a square along random vertices, which lie on texel centres in about half of the cases. */
 static void triangulated_squares_are_watertight(void **state)
 {
     (void)state;
@@ -207,8 +208,8 @@ static void edge_on_and_degenerate_triangles_cover_nothing(void **state)
     }
 }
 
-/* Tetrahedra squashed to lines along the light that run through texel centres, give or take a few
- * units in the last place: areas whose computed sign means nothing. */
+/* Tetrahedra squashed to lines along the light that run through texel centres, up to a few units in
+ * the last place: the computed sign of their area means nothing. */
 static void flat_solid(double v[4][3])
 {
     const double step[2] = {1.0 + (double)(random_bits() % 5), 1.0 + (double)(random_bits() % 5)};

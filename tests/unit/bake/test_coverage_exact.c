@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The predicate against exact integers. Corners are whole numbers of 2^-10 voxels of at most 24
- * bits, so that every product below fits an integer, and the double arithmetic has five roundings:
+ * Compares the predicate that decides coverage with exact integers. Corners are whole numbers of
+ * 2^-10 voxels of at most 24 bits, so that every product below fits an integer, and the double
+ * arithmetic has five roundings:
  *
  * - a crossing is off by at most 2^-53 (3 |dx| + |x|) voxels, less than 2^-50 of the greatest
  *   coordinate: a centre farther from both crossings is decided exactly as integers decide;
@@ -9,7 +10,7 @@
  *   2^-50 (|gx dx| + |gy dy| + |z| + 1), and a voxel border farther from it than that decides
  * `lit`.
  *
- * What lies nearer is counted as a tie and not judged.
+ * What lies nearer is counted as a tie and not checked.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -60,8 +61,8 @@ static void random_corner(uint64_t *state, int kind, corner c)
     }
 }
 
-/* Random triangles; slivers whose third corner lies on the line of the others, a step beside it or
- * at a corner; edges along the rows and columns. */
+/* Draws random triangles; slivers whose third corner lies on the line of the others, a step beside
+ * it or at a corner; and edges along the rows and columns. */
 static void random_triangle(uint64_t *state, corner v[3])
 {
     const int shape = (int)(next_random(state) % 8);
@@ -81,7 +82,7 @@ static void random_triangle(uint64_t *state, corner v[3])
     }
 }
 
-/* Where a row of centres crosses an edge: x = num / den, den > 0. */
+/* Computes where a row of centres crosses an edge: x = num / den, den > 0. */
 struct crossing {
     int64_t num, den;
 };
@@ -117,7 +118,8 @@ static int64_t area_of(corner v[3])
     return (v[1][0] - v[0][0]) * (v[2][1] - v[0][1]) - (v[1][1] - v[0][1]) * (v[2][0] - v[0][0]);
 }
 
-/* Voxels whose centres lie before the plane at a centre; -1 if doubles may decide otherwise. */
+/* Returns the number of voxels whose centres lie before the plane at a texel's centre; -1 if
+ * doubles may decide otherwise. */
 static int exact_lit(corner v[3], int64_t px, int64_t py)
 {
     int64_t area = area_of(v);
@@ -129,7 +131,8 @@ static int exact_lit(corner v[3], int64_t px, int64_t py)
     }
     double slack = fabs((double)nx / (double)area * (double)(px - v[0][0])) +
                    fabs((double)ny / (double)area * (double)(py - v[0][1]));
-    /* The predicate anchors at another corner than this does: the sum of all three is enough. */
+    /* The predicate starts from another corner than this function. The sum over all three corners
+     * is slack enough. */
     for (int i = 0; i < 3; i++) {
         slack += fabs((double)nx / (double)area * (double)(px - v[i][0])) +
                  fabs((double)ny / (double)area * (double)(py - v[i][1])) + fabs((double)v[i][2]);
@@ -151,7 +154,7 @@ static int exact_lit(corner v[3], int64_t px, int64_t py)
     return lit < 0 ? 0 : lit > SIZE ? SIZE : (int)lit;
 }
 
-/* The span of a row as the predicate has it. */
+/* Computes the span of a row as the predicate computes it. */
 struct span {
     int32_t first, last;
     int front;
@@ -182,7 +185,7 @@ static void check_centre(corner v[3], const struct umbb_coverage *c, const struc
     }
 }
 
-/* Centres around both crossings of a row, and some between. */
+/* Draws centres around both crossings of a row, and some between. */
 static void check_row(uint64_t *state, corner v[3], const struct umbb_coverage *c, int32_t y,
                       struct figures *f)
 {

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * No light through shared edges and corners: sheets of triangles whose corners lie on texel
- * centres, so that edges run through centres too. A centre on an edge belongs to both of its
- * triangles: where more than one triangle covers a centre, the light's column through it meets an
- * edge or a corner. A sheet with its border around a square covers every centre in it, folded or
- * not; one uncovered would be a ray of light. UMBRAGE_CASES=1000000 tries some 1.6 10^8 of such
- * columns.
+ * No light may pass through shared edges and corners. The test makes sheets of triangles whose
+ * corners lie on texel centres, so that edges run through centres too. A centre on an edge belongs
+ * to both of its triangles: where more than one triangle covers a centre, the light's column
+ * through it meets an edge or a corner. A sheet whose border runs around a square must cover every
+ * centre in the square, folded or not; an uncovered centre would be a ray of light.
+ * UMBRAGE_CASES=1000000 tries some 1.6 10^8 of such columns.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,7 +27,8 @@ enum {
 
 typedef double sheet[CELLS + 1][CELLS + 1][3];
 
-/* Corners on centres; some a unit in the last place beside them, some anywhere in their cell. */
+/* Puts corners on centres; some are a unit in the last place beside one, some anywhere in their
+ * cell. */
 static double jitter(uint64_t *seed, double place)
 {
     switch (next_random(seed) % 8) {
@@ -69,7 +70,7 @@ static void cover(const double *a, const double *b, const double *c, uint8_t cou
     }
 }
 
-/* Each cell by one diagonal or the other, with any corner first. */
+/* Divides each cell by one diagonal or the other, with any corner first. */
 static void cover_sheet(uint64_t *seed, sheet s, uint8_t counts[SIZE][SIZE])
 {
     for (int j = 0; j < CELLS; j++) {
@@ -92,7 +93,7 @@ static void no_light_passes_shared_edges_and_corners(void **state)
         memset(counts, 0, sizeof counts);
         make_sheet(&seed, s);
         cover_sheet(&seed, s, counts);
-        /* Rows: the border's first is its own, the last is not. */
+        /* Rows: the first row of the border belongs to the square, the last does not. */
         for (int y = FIRST; y < FIRST + SIDE; y++) {
             for (int x = FIRST; x <= FIRST + SIDE; x++) {
                 columns++;

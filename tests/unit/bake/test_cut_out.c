@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Casters with holes: every depth path keeps the same texels of them, and those that a slow loop
+/* Casters with holes: every depth path must keep the same texels of them, those that a slow loop
  * over all triangles keeps. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,12 +14,13 @@
 #include "bake/depth/depth.h"
 #include "bake/tiles/tile_folder.h"
 #include "cut_scene.h"
+#include "make_asset.h"
 
 enum {
     SIZE = 128,
 };
 
-/* Casters of a scene whose world is voxel space, or its image before an eye. */
+/* Makes the casters of a scene whose world is voxel space, or their image as seen from an eye. */
 struct fixture {
     struct cut_scene scene;
     struct umbs_cuts table;
@@ -30,7 +31,7 @@ struct fixture {
     struct umbb_casters casters;
 };
 
-/* With `eye` each corner gets a distance of its own: q = 1 / W in place of z. */
+/* With `eye` each corner has a distance of its own, and stores q = 1 / W in place of z. */
 static void fixture_init(struct fixture *f, uint64_t seed, int eye)
 {
     memset(f, 0, sizeof *f);
@@ -107,8 +108,8 @@ static void map_get(create_fn create, const struct fixture *f, uint32_t tile_log
     depth.destroy(depth.state);
 }
 
-/* How far a texel's triangle is from the cut-off there, by weights in long double: below 0 it
- * leaves the texel out. */
+/* Computes, by weights in long double, how far a triangle's alpha at a texel is from the cut-off.
+ * Below 0 the triangle leaves the texel out. */
 static long double slow_margin(const struct fixture *f, size_t i, int32_t x, int32_t y)
 {
     const double(*v)[3] = f->casters.corners[i];
@@ -128,8 +129,8 @@ static long double slow_margin(const struct fixture *f, size_t i, int32_t x, int
     return cut_slow_alpha(&f->scene, (double)at[0], (double)at[1]) - 127.5L;
 }
 
-/* The least lit of all triangles that cover a texel and keep it. Returns 0 where rounding may
- * decide. */
+/* Finds the least `lit` of all triangles that cover a texel and keep it. Returns 0 where rounding
+ * may decide. */
 static int slow_lit(const struct fixture *f, int32_t x, int32_t y, int32_t *lit)
 {
     *lit = SIZE;
@@ -193,7 +194,7 @@ static void all_paths_keep_the_same_texels_under_a_sun(void **state)
 {
     (void)state;
     static struct fixture f;
-    for (uint64_t seed = 1; seed <= 9; seed++) {
+    for (uint64_t seed = 1; seed <= (uint64_t)short_count(9, 3); seed++) {
         fixture_init(&f, seed, 0);
         compare(&f, umbb_depth_raster_create);
         fixture_finish(&f);
@@ -204,7 +205,7 @@ static void all_paths_keep_the_same_texels_before_an_eye(void **state)
 {
     (void)state;
     static struct fixture f;
-    for (uint64_t seed = 11; seed <= 16; seed++) {
+    for (uint64_t seed = 11; seed < 11 + (uint64_t)short_count(6, 2); seed++) {
         fixture_init(&f, seed, 1);
         compare(&f, umbb_depth_raster_create);
         fixture_finish(&f);
@@ -251,8 +252,8 @@ static void the_name_of_a_tile_depends_on_the_texture(void **state)
     fixture_finish(&f);
 }
 
-/* A corner in the plane of a spot's eye has no image: it is no anchor, and nothing is divided by
- * its distance of 0. */
+/* A corner in the plane of a spot's eye has no image. It must not be used as the anchor, and
+ * nothing may be divided by its distance of 0. */
 static void a_corner_beside_the_eye_is_no_anchor(void **state)
 {
     (void)state;

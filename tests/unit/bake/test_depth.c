@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Depth paths: rasteriser and ray caster give the same integers for every tiling, and they are
- * what a slow loop over all triangles says.
+ * Depth paths: rasteriser and ray caster must give the same integers for every tiling, and these
+ * must be what a slow loop over all triangles gives.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,7 @@
 typedef enum umb_status (*create_fn)(const struct umbb_casters *, const struct umbb_depth_options *,
                                      struct umbb_depth *, struct umb_error *);
 
-/* lit and end of the whole map, row by row. */
+/* Computes lit and end of the whole map, row by row. */
 struct map {
     int32_t *lit, *end;
 };
@@ -117,7 +117,8 @@ static void raster_and_embree_agree_on_many_slivers_and_shared_edges(void **stat
     struct soup soup;
     soup_init(&soup, 256, 21);
     soup_random_open(&soup, 150);
-    /* A height field on texel centres: every edge is shared, every corner on a centre. */
+    /* Makes a height field on texel centres: every edge is shared, and every corner is on a
+     * centre. */
     for (int y = 0; y < 20; y++) {
         for (int x = 0; x < 20; x++) {
             const double a[3] = {100.5 + 7 * x, 90.5 + 5 * y, 40.0 + (x * y) % 7};
@@ -152,7 +153,7 @@ struct crossing {
     int closed, front;
 };
 
-/* All triangles made ready; those that cover nothing have no rows. */
+/* Prepares all triangles; those that cover nothing get no rows. */
 static struct umbb_coverage *prepare_all(const struct soup *soup)
 {
     struct umbb_coverage *all = calloc(soup->count, sizeof *all);
@@ -188,7 +189,7 @@ static size_t crossings_of(const struct soup *soup, const struct umbb_coverage *
     return count;
 }
 
-/* Solids that a voxel lies in: entered minus left before it. */
+/* Counts the solids in which a voxel lies: those entered minus those left before it. */
 static int solids_at(const struct crossing *list, size_t count, int32_t z)
 {
     int inside = 0;
@@ -226,7 +227,7 @@ static uint64_t check_against_crossings(const struct soup *soup)
                 assert_int_equal(with.end[at], soup->size);
             }
             for (int32_t z = first; z < with.end[at]; z++) {
-                /* Undefined: must lie within a solid. */
+                /* Undefined voxels must lie within a solid. */
                 assert_true(solids_at(list, count, z) > 0);
                 undefined++;
             }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Drawing: vector kernels, at once or by noted cells, give the bits of the plain one, whatever is
- * there before and however full the notes are.
+ * Drawing: vector kernels, which draw at once or note cells first, must give the bits of the plain
+ * kernel, whatever was drawn before and however full the notes are.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -111,8 +111,8 @@ static int prepare(const double v[3][3], struct umbb_coverage *c)
     return 1;
 }
 
-/* Several triangles at once and one after the other, so that what the first ones leave behind lets
- * the kernel skip much of the others. */
+/* Draws several triangles at once and one after the other, so that the first ones let the kernel
+ * skip much of the later ones. */
 static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
 {
     seed(5);
@@ -146,7 +146,7 @@ static void kernel_gives_the_bits_of_the_plain_one(umbb_draw_fn quick)
     }
 }
 
-/* kernel_gives_the_bits_of_the_plain_one for both kinds of light. */
+/* Does what kernel_gives_the_bits_of_the_plain_one does, for both kinds of light. */
 static void kernel_gives_the_bits_under_all_lights(umbb_draw_fn quick)
 {
     kernel_gives_the_bits_of_the_plain_one(quick);
@@ -155,8 +155,9 @@ static void kernel_gives_the_bits_under_all_lights(umbb_draw_fn quick)
     rays = (struct umbb_rays){0};
 }
 
-/* A slope along y whose nearest row of a band lies on a voxel's centre to the last bit, before a
- * wall in the next voxel: a bound that is rounded otherwise than the predicate finds it hidden. */
+/* A slope along y, of which the nearest row in a band lies exactly on a voxel's centre, before a
+ * wall in the next voxel. A bound that rounds in another way than the predicate would find the
+ * slope hidden. */
 static void slopes_that_touch_a_centre_are_drawn_by(umbb_draw_fn quick)
 {
     seed(7);
@@ -217,15 +218,15 @@ static void greatest_texels_are_found_by_vectors_too(void **state)
     }
 }
 
-/* The steps of AVX-512, or NULL. */
+/* Returns the steps of AVX-512, or NULL. */
 static const struct umbb_cells_steps *steps_of_avx512(void)
 {
     const struct umbb_depth_kernels *kernels = umbb_depth_kernels(UMBB_VECTORS_AVX512);
     return kernels == NULL ? NULL : kernels->cells;
 }
 
-/* Notes triangles as a rasteriser does; far sides may be hidden by what came before. Returns how
- * often the notes were full. */
+/* Notes triangles as a rasteriser does; earlier ones may hide those farther away. Returns how many
+ * times the notes were full. */
 static int note_all(const struct umbb_cells_steps *steps, struct umbb_cells *cells,
                     const struct umbb_coverage *c, size_t count, struct umbb_sides sides,
                     int32_t *layers)
@@ -244,7 +245,7 @@ static int note_all(const struct umbb_cells_steps *steps, struct umbb_cells *cel
     return full;
 }
 
-/* A drawing kernel made of the steps. */
+/* A drawing kernel that is made of the separate steps. */
 static void draw_by_cells(const struct umbb_coverage *c, size_t count,
                           const struct umbb_canvas *canvas)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What several threads make ready for a tile is what one makes. */
+/* Several threads must prepare the same triangles for a tile as one thread. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -21,8 +21,8 @@ enum {
     THREADS = 4
 };
 
-/* Boxes of all sizes, one upon the other and beside it, some inside out; nothing at the far sides.
- */
+/* Makes boxes of all sizes, one upon the other and side by side, some inside out, none at the far
+ * sides. */
 static void soup_town(struct soup *soup)
 {
     soup_init(soup, SIZE, 7);
@@ -75,8 +75,8 @@ static void borders_are_the_same_for_all_numbers_of_threads(void **state)
     soup_finish(&soup);
 }
 
-/* Houses of equal height in a row share the edges of the walls between them: three front faces at
- * each. Which of them comes first must not show, as with threads it is chance. */
+/* Houses of equal height in a row share the edges of the walls between them, with three front faces
+ * at each. With threads the order of these faces is random, and it must not show in the result. */
 static void borders_do_not_depend_on_the_order_of_casters(void **state)
 {
     (void)state;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Geometry that touches a spot's near plane, its sides or the light itself: what the pyramid sees
- * of a triangle is in the polygon that is left of it, and nothing else is. Points of a triangle are
- * made by long double weights; coordinates are within 4 of 0, a corner made by a cut is off by less
- * than 1e-14 where the pyramid's sides are met at all steeply, and the margin of 1e-9 leaves room
- * for edges that run almost within a side.
+ * Geometry that touches a spot's near plane, its sides or the light itself. The polygon that
+ * clipping leaves of a triangle must hold the part of the triangle that lies in the pyramid, and
+ * nothing else. Points of a triangle are made by long double weights; coordinates are within 4 of
+ * 0, a corner made by a cut is off by less than 1e-14 where the pyramid's sides are met at all
+ * steeply, and the margin of 1e-9 leaves room for edges that run almost within a side.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -48,7 +48,7 @@ static void random_corner(uint64_t *seed, double corner[3])
     }
 }
 
-/* How far inside the pyramid a point lies, about; negative outside. */
+/* Estimates how far inside the pyramid a point lies; negative outside. */
 static long double inside(const long double p[3])
 {
     long double least = p[2] - (long double)pyramid.near;
@@ -70,8 +70,9 @@ static void normal_of(double v[3][3], long double n[3])
     }
 }
 
-/* How far inside a convex polygon a point of its plane lies, seen along the axis that the plane
- * leans on most, on whose side `sign` says which way round the polygon runs. */
+/* Estimates how far inside a convex polygon a point of its plane lies, seen along the axis nearest
+ * to the plane's normal. In: sign: direction in which the polygon runs round, seen along that
+ * axis. */
 static long double depth_in(const struct umbb_polygon *polygon, const long double p[3], int axis,
                             long double sign)
 {

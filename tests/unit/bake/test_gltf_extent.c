@@ -29,7 +29,8 @@ static const char *gltf(const char *nodes, const char *roots)
 #define LIGHT_NODE(number, more)                                                                   \
     "{\"extensions\":{\"KHR_lights_punctual\":{\"light\":" number "}}," more "}"
 
-/* Extras of the node come before those of its light; a scale of the node does not count. */
+/* The node's extras take precedence over the light's; a scale of the node does not change the
+ * extent. */
 static void gltf_extras_give_lights_their_extent(void **state)
 {
     (void)state;

@@ -18,7 +18,7 @@ static void make_places(unsigned char bytes[BYTES])
     memcpy(bytes + SCALES, size, sizeof size);
 }
 
-/* A triangle 0 0 0, 1 0 0, 0 1 0 and those places; what is given is put in. */
+/* Makes a file with the triangle 0 0 0, 1 0 0, 0 1 0 and those places; given texts are inserted. */
 struct parts {
     const char *attributes, *nodes, *roots, *places_uri, *move; /* move: of accessor 1 */
     const char *shape_uri;                                      /* NULL: tri.bin */
@@ -127,7 +127,8 @@ static void the_nodes_of_the_file_are_found_again_in_the_tree(void **state)
     umbs_scene_destroy(scene);
 }
 
-/* Such a node costs nothing however many places it has: a place that is none goes unseen. */
+/* A node without a mesh costs nothing, however many places it has, and a bad place in it goes
+ * unnoticed. */
 static void places_of_a_node_that_shows_nothing_are_not_walked(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an asset's head holds fits readers, whatever a bake fills it with. */
+/* An asset's head must fit into what readers accept, whatever a bake fills it with. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -13,7 +13,8 @@
 #include "format/layout.h"
 #include "umbrage/curve.h"
 
-/* The longest that a bake may make of lights and frusta, in bytes of the canonical block. */
+/* Returns the greatest length, in bytes of the canonical block, of the lights and frusta that a
+ * bake may make. */
 static uint64_t filled(struct umb__content content, int translucent, size_t occluder_depth_bytes)
 {
     struct umb_error error;

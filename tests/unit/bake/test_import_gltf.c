@@ -16,7 +16,8 @@ static const char *unless(const char *more, const char *name, const char *member
     return strstr(more, name) == NULL ? member : "";
 }
 
-/* A glTF of that triangle in "tri.bin"; the rest is given, and members of `more` go first. */
+/* Makes a glTF of that triangle, whose bytes are in "tri.bin". The caller gives the rest; members
+ * in `more` replace those of the template. */
 static const char *gltf(const char *nodes, const char *roots, const char *more)
 {
     static char text[1 << 18];
@@ -82,9 +83,9 @@ static void expect_vector(const double got[3], double x, double y, double z)
 static void gltf_lights_shine_along_minus_z_of_their_nodes(void **state)
 {
     (void)state;
-    /* No node uses light 0, and two nodes of one name use light 2. The first node is turned by -90
-     * degrees about x, so that -z becomes -y; its parent scales. */
-    /* The tool cannot lay out strings that macros and literals make together. */
+    /* No node uses light 0, and two nodes with the same name use light 2. The first of these is
+     * turned by -90 degrees about x, so that -z becomes -y, and its parent scales. */
+    /* clang-format cannot lay out strings that macros and literals make together. */
     /* clang-format off */
     static const char nodes[] =
         "{\"mesh\":0},{\"scale\":[3,3,3],\"translation\":[0,1,0],\"children\":[2]},"
@@ -156,7 +157,7 @@ static void expect_gltf_refusal(const char *nodes, const char *more, const char 
     expect_refusal("refused.gltf", gltf(nodes, "0", more), words);
 }
 
-/* Positions serve as normals; the first is 0. What is wrong with a normal costs only the look. */
+/* Positions are used as normals; the first one is 0. A bad normal changes only the look. */
 static void gltf_pictures_get_normals_and_colours(void **state)
 {
     (void)state;
@@ -288,7 +289,7 @@ static void gltf_transforms_keep_the_doubles_of_the_file(void **state)
     umbs_scene_destroy(scene);
 }
 
-/* A corner without a vertex drops its face and no other. */
+/* An index without a vertex must drop its own face and no other. */
 static void gltf_indices_beyond_the_vertices_drop_their_faces(void **state)
 {
     (void)state;

@@ -61,8 +61,8 @@ static void obj_unusable_faces_are_dropped_and_counted(void **state)
 static void obj_concave_polygon_is_clipped_inside_it(void **state)
 {
     (void)state;
-    /* An L in a slanted plane: area 3 in the plane's own units; a fan from corner 1 would cover
-     * the notch. The sum of the triangles' areas tells. */
+    /* An L in a slanted plane, of area 3 in the plane's own units. A fan from corner 1 would cover
+     * the notch, which the sum of the triangles' areas would show. */
     struct umbs_scene *scene = import_text("concave.obj", "v 0 2 2\nv 0 0 0\nv 2 0 0\nv 2 1 1\n"
                                                           "v 1 1 1\nv 1 2 2\nf 1 2 3 4 5 6\n");
     assert_int_equal(scene->view.triangle_count, 4);
@@ -126,7 +126,7 @@ static void obj_pictures_get_normals_and_colours(void **state)
     static const char mtl[] =
         "newmtl red\nKd 1 0.5 0\nnewmtl odd\nKd 2 x\nnewmtl over\nKd 7 -1 1\n";
     put_file("look.mtl", mtl, sizeof(mtl) - 1);
-    /* The corner at 1 has two normals; a bad, a missing and an unreadable normal are none. */
+    /* The corner at 1 has two normals; a bad, a missing or an unreadable normal counts as none. */
     struct umbs_scene *scene = import_look(
         "look.obj", "mtllib look.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 3 0 4\nvn x\n"
                     "usemtl red\nf 1//1 2//-2 3//9\nf 1//2 2 3//3\nf 1//1 2//2 3/\n");
@@ -231,8 +231,8 @@ static void obj_libraries_beneath_the_folder_only(void **state)
 static const char sample[] = "mtllib x.mtl\nv 0 0 0\nv 1.5e2 -0 0\nv 0 1 0\nv 1 1 0.125\nvt 0 1\n"
                              "usemtl a\nf 1/1/1 2//2 3 4/1\nf -1 -2 -3\nusemtl b\nf 1 2 \\\n 3\n";
 
-/* Each could be as large as the scene: a file of mtllib lines must not cost the square of its size.
- */
+/* Each library could be as large as the scene: a file full of mtllib lines must not take quadratic
+ * time. */
 static void obj_of_many_libraries_reads_the_first(void **state)
 {
     (void)state;
@@ -290,8 +290,8 @@ static void obj_triangle_limit_is_a_limit(void **state)
     drop_file("many.obj");
 }
 
-/* A file whose vertices alone need more than the limit. Not with sanitizers, which cannot live
- * under a limit of address space. */
+/* A file whose vertices alone need more memory than the limit. Not run under sanitizers, which need
+ * an address space without limit. */
 static void obj_over_memory_is_a_limit(void **state)
 {
     (void)state;

@@ -38,7 +38,8 @@ static double twice_area(uint32_t triangle)
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 }
 
-/* Every triangle turns as the polygon does, and together they have its area: covered once. */
+/* Every triangle must have the polygon's orientation, and together they must have its area: then
+ * each place is covered once. */
 static void expect_cover(const double (*flat)[2], uint32_t count, double area, double tolerance)
 {
     double sum = 0.0;
@@ -156,7 +157,8 @@ static void any_polygon_gives_two_triangles_less_than_corners(void **state)
     fill(cross, 4, 0.0);
     fill(point, 5, 0.0);
     fill(line, 6, 1.0);
-    fill(star, 5, 0.0); /* ends, and writes three triangles; nothing to say about their shape */
+    fill(star, 5, 0.0); /* The clipping must end and write three triangles; nothing is said about
+                           their shape */
     uint64_t seed = 1;
     double(*random)[2] = malloc(2000 * sizeof(*random));
     assert_non_null(random);
@@ -195,7 +197,7 @@ static void crossing_polygons_of_many_corners_stop_at_their_budget(void **state)
             assert_in_range(polygon.triangles[i][0], 0, count - 1);
         }
     }
-    /* One alone took 33 s when each ear was tested against every corner without end. */
+    /* One such polygon took 33 s when each ear was tested against every corner. */
     const uint32_t rough = polygon.rough;
     free(random);
     umbb_polygon_finish(&polygon);
@@ -203,7 +205,7 @@ static void crossing_polygons_of_many_corners_stop_at_their_budget(void **state)
     assert_int_equal(polygon.rough, 0);
 }
 
-/* The outline of an island: as many corners as there may be, none of them alike. */
+/* The outline of an island, with the greatest number of corners, all different. */
 static void large_simple_polygons_are_covered_once_within_budget(void **state)
 {
     (void)state;
@@ -311,7 +313,8 @@ static void random_numbers_are_what_strtod_makes_of_them(void **state)
     }
 }
 
-/* Texts that are nearly numbers: what is taken, and that nothing else is, must agree too. */
+/* Texts that are nearly numbers: the reader and strtod must agree on what is accepted, and on its
+ * value. */
 static void random_texts_are_numbers_when_strtod_says_so(void **state)
 {
     (void)state;

@@ -149,8 +149,8 @@ static void texture_transforms_scale_then_turn_then_move(void **state)
     }
 }
 
-/* The second set by the extension's word, which goes before the texture's own; nonsense does not.
- */
+/* The extension's choice of the second texture coordinates goes before the texture's own; an
+ * invalid choice is ignored. */
 static void a_texture_transform_may_name_the_set_of_coordinates(void **state)
 {
     (void)state;
@@ -182,8 +182,9 @@ static void a_texture_transform_may_name_the_set_of_coordinates(void **state)
 #define MOVED_MESH                                                                                 \
     "{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":2},\"material\":1},"
 
-/* A triangle of a material without a name, the file's second, that takes the second set by the
- * extension; behind it one of the file's third, called `name`, that says nothing. */
+/* A triangle whose material is the file's second, has no name, and takes the second set of
+ * coordinates by the extension. Behind it stands a triangle of the file's third material, called
+ * `name`, which chooses nothing. */
 static struct umbs_scene *import_two_materials(const char *name)
 {
     static const char before[] = "\"materials\":[", mesh[] = "\"meshes\":[{\"primitives\":[";
@@ -274,7 +275,7 @@ static void images_in_buffers_are_read_too(void **state)
     free(made.bytes);
 }
 
-/* Warns, and the material has no texture. */
+/* Must warn, and the material must have no texture. */
 static void expect_opaque(const char *text, const char *words)
 {
     struct umbs_scene *scene = import_with_png("leaf.gltf", text);
@@ -330,7 +331,7 @@ static void a_file_may_be_named_as_an_embedded_image(void **state)
     free(made.bytes);
 }
 
-/* A small file can show one damaged image under thousands of names. */
+/* A small file can use one damaged image under thousands of names. */
 static void damaged_images_use_up_the_limit_of_texels(void **state)
 {
     (void)state;
@@ -382,7 +383,8 @@ static void obj_maps_cut_by_alpha_and_say_what_is_not_read(void **state)
     umbs_scene_destroy(scene);
 }
 
-/* Without them every corner would show the image's corner, and be dropped if that is a hole. */
+/* Without texture coordinates every corner would show the image's corner, and would be dropped if
+ * that is a hole. */
 static void faces_without_texture_coordinates_are_opaque(void **state)
 {
     (void)state;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Lamps and the surfaces around them: lamps too near to a surface are refused, flat faces have
- * voxels of the least depth, and the faces of a cube leave no gap.
+ * Lamps and the surfaces around them: lamps too near to a surface must be refused, flat faces must
+ * have voxels of the least depth, and the faces of a cube must leave no gap.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -31,7 +31,8 @@ static const double room[4][3][3] = {
     {{4, 4, 3}, {4, 4, 3}, {4, 4, 3}}, /* no area: no surface */
 };
 
-/* What fitting a light's frusta says. In: half_deg: of a spot light's cone; 0: a point light. */
+/* Fits a light's frusta and returns the result. In: half_deg: half the angle of a spot light's
+ * cone; 0: a point light. */
 static enum umb_status fit(const double (*corners)[3][3], size_t count, const double position[3],
                            const double direction[3], double half_deg,
                            struct umb_frustum_info **frusta, uint32_t *frustum_count,
@@ -95,8 +96,8 @@ static void lamps_too_near_to_a_surface_are_refused_and_named(void **state)
     }
 }
 
-/* Random triangles around the light: one with a point in what the face leaves out is refused, and
- * not many others are (points may miss a corner that is left out). */
+/* Random triangles around the light. One with a point in the space that the face leaves out must be
+ * refused. Not many others may be; the points tested may miss a corner in that space. */
 static void what_a_face_leaves_out_is_refused(void **state)
 {
     (void)state;
@@ -157,8 +158,8 @@ static void flat_faces_have_voxels_that_coordinates_resolve(void **state)
     }
 }
 
-/* A box around the lamp: each direction before a wide spot light, and each of a point light, is in
- * the face along whose axis it goes farthest. */
+/* A box around the lamp. Each direction in a wide spot light, and every direction of a point light,
+ * must be in the face along whose axis it goes farthest. */
 static void faces_of_a_cube_leave_no_gap(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where the sun stands, and where the voxels lie. */
+/* The position of the sun, and the voxels of a frame. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -69,7 +69,8 @@ static void sun_directions_follow_compass_and_up_axis(void **state)
     assert_true(fabs(d[2] + sqrt(0.5)) < 1e-15);
 }
 
-/* Fits random triangles; checks that all corners lie inside and that the frame is what it says. */
+/* Fits random triangles; checks that all corners lie inside and that the frame's fields are
+ * right. */
 static void check_fit(const double direction[3], const double centre[3], const double spread[3],
                       uint32_t log2_size)
 {
@@ -99,9 +100,10 @@ static void check_fit(const double direction[3], const double centre[3], const d
         high[i % 3] = fmax(high[i % 3], v);
     }
     for (int axis = 0; axis < 3; axis++) {
-        /* Fitted: each axis is filled, unless the scene is flat along it. */
+        /* A fitted frame must fill each axis, unless the scene is flat along it. */
         assert_true(high[axis] - low[axis] > 0.9 * (size - 2.0) || spread[2] == 0.0);
-        /* A step of one voxel along an axis moves by one there and by nothing elsewhere. */
+        /* A step of one voxel along an axis must move by one on that axis and by nothing on the
+         * others. */
         for (int other = 0; other < 3; other++) {
             double moved = 0.0;
             for (int k = 0; k < 3; k++) {
@@ -167,9 +169,9 @@ static void hard_direction(int round, double direction[3])
     }
 }
 
-/* Lengths and angles in long doubles. A squared length has six roundings of a direction that was
- * normalised; the third axis is the product of two such and has four of its own: sixteen at most.
- */
+/* Computes lengths and angles in long doubles. A squared length has six roundings of a direction
+ * that was normalised; the third axis is the product of two directions and has four roundings of
+ * its own: sixteen at most. */
 static void axes_are_units_at_right_angles_for_any_direction(void **state)
 {
     (void)state;

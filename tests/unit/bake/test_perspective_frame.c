@@ -26,7 +26,8 @@ static void random_corner(struct soup *soup, double corner[3])
     }
 }
 
-/* The corners of a polygon that lie on an edge's line, found by their bits in another one. */
+/* Finds the corners of a polygon that lie on an edge's line, by comparing their bits with another
+ * polygon's. */
 static size_t shared_corners(const struct umbb_polygon *a, const struct umbb_polygon *b)
 {
     size_t shared = 0;
@@ -62,7 +63,7 @@ static void triangles_cut_shared_edges_at_equal_points(void **state)
             assert_true(p[2] >= 0.25 - 1e-12 && fabs(p[0]) <= p[2] + 1e-12 &&
                         fabs(p[1]) <= 0.5 * p[2] + 1e-12);
         }
-        /* What is left of the edge has two ends, and both polygons have them. */
+        /* The rest of the edge has two ends, and both polygons must have them. */
         double ends[3][3];
         struct umbb_polygon edge;
         memcpy(ends[0], one[0], sizeof ends[0]);
@@ -86,7 +87,7 @@ static struct umbb_eye eye_at(double x, double y, double z, double tangent)
                              .reach = 2 * WORLD};
 }
 
-/* Projects casters for an eye of eye_at. */
+/* Projects casters for an eye at eye_at. */
 static enum umb_status project(const struct umbb_casters *world,
                                const struct umb_frustum_info *frustum, const double origin[3],
                                size_t max_bytes, struct umbb_projected *seen)
@@ -136,7 +137,8 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
                 const double *p = seen.corners[i][k];
                 const double z = seen.depth_scale / p[2] + seen.depth_offset;
                 assert_true(p[0] > -1.001 && p[0] < SIZE + 1.001 && p[2] > 0 && p[2] < 1.001);
-                /* Deeper than the last voxel only in the margin, which the fit does not look at. */
+                /* Corners deeper than the last voxel may be in the margin only, which the fit
+                 * ignores. */
                 assert_true(z < SIZE ||
                             !(p[0] > 1 && p[0] < SIZE - 1 && p[1] > 1 && p[1] < SIZE - 1));
                 for (int axis = 0; axis < 2; axis++) {
@@ -213,8 +215,8 @@ static void both_depth_paths_agree_under_perspective(void **state)
     soup_finish(&soup);
 }
 
-/* What a cut leaves where two corners are the same but for rounding: a triangle as long as the
- * frustum through the centres of all texels of its diagonal. */
+/* A cut may leave a triangle in which two corners differ by rounding only: it is as long as the
+ * frustum and runs through the centres of all texels of its diagonal. */
 static void slivers_are_as_deep_as_their_longest_edge(void **state)
 {
     (void)state;

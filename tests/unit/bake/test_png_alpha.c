@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Alpha channels out of PNG files: every form of file, and files that mean harm. */
+/* Alpha channels of PNG files: every form of file, and hostile files. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@ enum {
     HEIGHT = 7,
 };
 
-/* What a texel's alpha is in these files, of 16 steps. */
+/* Returns the alpha that a texel has in these files, in 16 steps. */
 static uint8_t step_at(uint32_t x, uint32_t y)
 {
     return (uint8_t)((5 * x + 3 * y) % 16);
@@ -43,7 +43,7 @@ static void expect_steps(const struct made_png *made, int luminance)
     free(image.texels);
 }
 
-/* One value of a texel, packed as a form of file wants it. */
+/* Returns one value of a texel, packed as a form of file requires. */
 static void put_value(unsigned char *row, const struct png_form *form, uint32_t x, unsigned step)
 {
     const unsigned bytes = form->depth == 16 ? 2 : 1;
@@ -114,7 +114,7 @@ static void images_without_alpha_have_none_or_their_grey(void **state)
     }
 }
 
-/* Makes a header promise other sides; its checksum is put right. */
+/* Changes the width and height in a header, and makes its checksum right. */
 static void set_sides(const struct made_png *made, uint32_t width, uint32_t height)
 {
     unsigned long crc = 0xffffffffUL;

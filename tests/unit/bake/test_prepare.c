@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Triangles prepared several at a time: the numbers of the plain way, bit by bit. */
+/* Triangles prepared several at a time: the numbers must be those of the plain way, bit by bit. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -38,7 +38,7 @@ static double random_coordinate(void)
     return kind == 0 ? floor(value) + 0.5 : kind == 1 ? floor(value) : value;
 }
 
-/* Also slivers with huge or not finite gradients. */
+/* The triangles include slivers with huge gradients, or gradients that are not finite. */
 static void random_triangle(double v[3][3])
 {
     for (int i = 0; i < 9; i++) {
@@ -52,7 +52,7 @@ static void random_triangle(double v[3][3])
 }
 
 /* Ordinary triangles, slivers, ties between corners and triangles without rows, in batches of every
- * length; what is compared is everything that a coverage with rows says. */
+ * length. All fields of a coverage with rows are compared. */
 static void the_bits_of_the_plain_way_come_from(umbb_prepare_fn quick)
 {
     seed(8);

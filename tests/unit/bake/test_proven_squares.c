@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares proven from bounds: no defined voxel changes, and every path, tile size and number of
- * threads proves the same ones.
+ * Squares proven from bounds: no defined voxel may change, and every path, tile size and number of
+ * threads must prove the same squares.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,6 +13,7 @@
 #include "bake/depth/coverage.h"
 #include "bake/depth/proven_squares.h"
 #include "bake_soups.h"
+#include "make_asset.h"
 
 typedef enum umb_status (*create_fn)(const struct umbb_casters *, const struct umbb_depth_options *,
                                      struct umbb_depth *, struct umb_error *);
@@ -169,7 +170,7 @@ static size_t proven_count(const struct soup *soup, uint32_t tile_log2)
         for (tile.x0 = 0; tile.x0 < soup->size; tile.x0 += tile.size) {
             assert_int_equal(depth.begin(depth.state, 0, &tile, &error), UMB_OK);
             for (size_t i = 0; i < (size_t)1 << (2 * (tile_log2 - UMBB_SQUARE_LOG2)); i++) {
-                /* Those over background alone are no achievement. */
+                /* Squares over background alone prove nothing, so they do not count. */
                 count += tile.proven[i] && tile.max_lit[UMBB_SQUARE_LOG2][i] < soup->size;
             }
         }
@@ -183,10 +184,11 @@ static void proven_squares_change_no_defined_voxel(void **state)
 {
     (void)state;
     size_t proven = 0;
-    for (uint64_t seed = 1; seed <= 6; seed++) {
+    const int seeds = short_count(6, 2);
+    for (int seed = 1; seed <= seeds; seed++) {
         struct soup soup;
         struct umb__octree octree;
-        soup_scene(&soup, seed);
+        soup_scene(&soup, (uint64_t)seed);
         const struct umbb_depth_options options = {
             .tile_log2 = 9, .threads = 2, .prove = UMBB_PROVE_ALWAYS};
         bake(&soup, umbb_depth_raster_create, options, &octree);
@@ -199,8 +201,8 @@ static void proven_squares_change_no_defined_voxel(void **state)
         proven += here;
         soup_finish(&soup);
     }
-    print_message("%zu of %d squares proven\n", proven, 6 * 64);
-    assert_true(proven > 20); /* the proof did something */
+    print_message("%zu of %d squares proven\n", proven, seeds * 64);
+    assert_true(proven > 3 * (size_t)seeds); /* the proof did something */
 }
 
 static void a_sheet_called_closed_ends_in_shadow(void **state)
@@ -209,7 +211,7 @@ static void a_sheet_called_closed_ends_in_shadow(void **state)
     struct soup soup;
     struct umb__octree octree;
     soup_init(&soup, 512, 5);
-    /* No back face is behind the sheet but where a box stands under it. */
+    /* Behind the sheet there is no back face, except where a box stands under it. */
     const double a[3] = {5, 5, 100}, b[3] = {5, 507, 100}, c[3] = {507, 5, 100};
     const double low[3] = {90, 90, 200}, high[3] = {100, 100, 400};
     soup_add(&soup, a, b, c, UMBB_CASTER_CLOSED);
@@ -223,7 +225,8 @@ static void a_sheet_called_closed_ends_in_shadow(void **state)
     soup_finish(&soup);
 }
 
-/* Counts and masks of all levels, and all slices: equal for equal trees, whatever their numbers. */
+/* Computes a digest from counts and masks of all levels, and all slices. It is equal for equal
+ * trees, whatever their numbers. */
 static uint64_t fingerprint(const struct umb__octree *octree)
 {
     uint64_t sum = octree->brick_count;
@@ -275,7 +278,7 @@ static uint64_t print_of(const struct soup *soup, create_fn create,
     return print;
 }
 
-/* Compares a lamp's octree with that of no proven square, by every path. */
+/* Compares a lamp's octree with one made without proven squares, for every path. */
 static void check_lamp(const struct soup *soup)
 {
     const uint64_t drawn = print_of(
@@ -296,16 +299,17 @@ static void proven_squares_of_lamps_change_no_voxel(void **state)
 {
     (void)state;
     size_t proven = 0;
-    for (uint64_t seed = 1; seed <= 12; seed++) {
+    const int seeds = short_count(12, 2);
+    for (int seed = 1; seed <= seeds; seed++) {
         struct soup soup;
-        soup_scene(&soup, seed);
+        soup_scene(&soup, (uint64_t)seed);
         soup_before_lamp(&soup, seed % 2 == 0 ? 30.0 : 700.0);
         proven += proven_count(&soup, 9);
         check_lamp(&soup);
         soup_finish(&soup);
     }
-    print_message("%zu of %d squares proven\n", proven, 12 * 64);
-    assert_true(proven > 20);
+    print_message("%zu of %d squares proven\n", proven, seeds * 64);
+    assert_true(proven > (size_t)seeds);
 }
 
 /* A box with a tip below its bottom, a little beyond the last voxel. */
@@ -332,13 +336,13 @@ static void soup_tipped_box(struct soup *soup)
     }
 }
 
-/* Texels at the tip have no back face within the map, so their end is their lit. */
+/* Texels at the tip have no back face within the map, so their `end` is their `lit`. */
 static void a_back_beyond_the_last_voxel_ends_nothing(void **state)
 {
     (void)state;
-    for (uint64_t seed = 1; seed <= 12; seed++) {
+    for (int seed = 1; seed <= short_count(12, 2); seed++) {
         struct soup soup;
-        soup_init(&soup, 512, seed);
+        soup_init(&soup, 512, (uint64_t)seed);
         soup_tipped_box(&soup);
         soup_before_lamp(&soup, 200.0);
         assert_true(proven_count(&soup, 9) > 16);
@@ -408,8 +412,8 @@ static void soup_splinter(struct soup *soup)
     }
 }
 
-/* What each square of 64 x 64 texels is known to be, tile by tile: whether it is proven, and its
- * two bounds; out: int32[8 * 8][3]. */
+/* Collects, tile by tile, what is known of each square of 64 x 64 texels: whether it is proven, and
+ * its two bounds. Out: int32[8 * 8][3]. */
 static void prove_all(const struct soup *soup, create_fn create, uint32_t tile_log2,
                       int32_t (*out)[3])
 {
@@ -441,7 +445,7 @@ static void prove_all(const struct soup *soup, create_fn create, uint32_t tile_l
 static void what_lies_beside_a_square_counts_whatever_the_tile(void **state)
 {
     (void)state;
-    for (uint64_t seed = 1; seed <= 40; seed++) {
+    for (uint64_t seed = 1; seed <= (uint64_t)short_count(40, 4); seed++) {
         struct soup soup;
         int32_t first[64][3], other[64][3];
         soup_init(&soup, 512, seed);

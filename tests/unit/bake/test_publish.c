@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Publishing: only what passes its checks gets the name; anything else leaves nothing behind. */
+/* Publishing: only an asset that passes its checks gets its name; a failure leaves nothing
+ * behind. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -132,7 +133,8 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     struct fixture *f = *state;
     struct umbb_publish publish;
     struct umb_error error;
-    /* Make a lit child of the root's children shadowed: a region far from any boundary is wrong. */
+    /* Makes a lit child of one of the root's children shadowed: a region far from any boundary is
+     * then wrong. */
     struct umb__octree_level *top = &f->octree.level[LOG2_SIZE];
     assert_int_equal(top->count, 1);
     struct umb__octree_level *next = &f->octree.level[LOG2_SIZE - 1];
@@ -157,7 +159,7 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     assert_int_equal(file_count(f), 0);
 }
 
-/* The file is as it should be: what is missing is memory to look at it. */
+/* The file is right: memory to check it is missing. */
 static void a_check_that_lacks_memory_asks_for_more(void **state)
 {
     struct fixture *f = *state;

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sandboxes of importer and bake: what they deny, and that the tries would succeed outside of
- * it. */
+/* The sandboxes of importer and bake: each forbidden act must fail inside, and succeed outside. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -18,7 +17,7 @@
 
 #define WORK_BYTES (4U << 20) /* from mmap, not from the heap there is */
 
-/* Fails with the name of the first act of a place that its cage lets through. */
+/* Fails with the name of the first forbidden act that the sandbox of a place lets through. */
 static void demand_denial(const struct umbb_act *acts, size_t count, unsigned place,
                           enum umbb_cage cage, const struct umbb_ground *ground, unsigned least)
 {
@@ -88,7 +87,7 @@ static void a_bake_can_work_inside(void **state)
     }
 }
 
-/* Most are let through outside; those that need root, or that a container denies, may not be. */
+/* Most acts succeed outside; those that need root, or that a container denies, may fail. */
 static void the_tries_succeed_outside_the_sandbox(void **state)
 {
     unsigned allowed = 0;
@@ -102,7 +101,8 @@ static void the_tries_succeed_outside_the_sandbox(void **state)
     assert_true(allowed >= umbb_act_count / 2);
 }
 
-/* Of paths all: they are the doctor's own. Each try spoils the ground, so each gets a new one. */
+/* All acts on paths must succeed, since the paths belong to this process. Each act changes the
+ * folder, so each gets a new one. */
 static void the_bakes_tries_succeed_outside(void **state)
 {
     for (size_t i = 0; i < umbb_bake_act_count; i++) {
@@ -115,7 +115,7 @@ static void the_bakes_tries_succeed_outside(void **state)
     }
 }
 
-/* What the importer needs still works: memory, its two descriptors, its own end. */
+/* What the importer needs must still work: memory, its two descriptors, and exit. */
 static int work_inside(void)
 {
     struct umbb_sandbox sandbox;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The static rule: every voxel that a window of a point on an asked triangle reads is right, for
- * every number of taps; what is lit stays lit; equal for all tiles and threads. Windows are made
- * here from the formula of the manual (umbrage/query.h), lit and end by a loop over triangles.
+ * The static rule: every voxel that a window of a point on a chosen triangle reads must be right,
+ * for every number of taps. Lit voxels must stay lit. The result must be equal for all tiles and
+ * threads. Windows are made here from the formula of the manual (umbrage/query.h), lit and end by a
+ * loop over triangles.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -82,8 +83,8 @@ static void covered(const struct soup *soup, size_t triangle, texel_fn fn, void 
     }
 }
 
-/* Nearest fragments of all texels: of open casters, fronts and backs; then lit and end; and what
- * the octree says, eight voxels of a column a byte. */
+/* The nearest fragments of all texels (of open casters, of fronts and of backs), then lit and end,
+ * and the octree's voxels, eight of a column in a byte. */
 struct slow {
     int32_t near[3][TEXELS], lit[TEXELS], end[TEXELS];
     int layer_front, layer_back;
@@ -132,7 +133,7 @@ static int says_lit(const struct slow *s, size_t texel, int32_t z)
     return s->said[texel][z / 8] >> z % 8 & 1;
 }
 
-/* Whether some shadow touches a triangle, or nothing is known of it. */
+/* Returns whether a shadow touches a triangle, or nothing is known about it. */
 struct touch {
     const struct slow *slow;
     int covered, shadowed;
@@ -153,7 +154,7 @@ static int is_asked(const struct ruled *r, const struct slow *slow, size_t trian
     return !t.covered || t.shadowed;
 }
 
-/* The window of a random point of a triangle; returns 0 if it lies outside of the frustum. */
+/* Finds the window of a random point of a triangle; returns 0 if it lies outside the frustum. */
 static int window(struct ruled *r, size_t triangle, int taps, double v[3])
 {
     const double(*c)[3] = (const double(*)[3])r->soup->corners[triangle];
@@ -176,7 +177,7 @@ static int window(struct ruled *r, size_t triangle, int taps, double v[3])
     if (!(fabs(n[2]) > 1e-9)) {
         return 0; /* faces away */
     }
-    /* Along the light by at most 2 taps - 1/2 texels, the rest along the normal. */
+    /* The move is along the light by at most 2 taps - 1/2 texels; the rest is along the normal. */
     const double need = 65.0 / 64.0 * bias, most = (2 * taps - 0.5) * (r->edge[0] + r->edge[1]) / 2;
     const double lift = fmin(need / fabs(n[2]), most), rest = need - lift * fabs(n[2]);
     double deeper = -lift / r->edge[2];
@@ -195,7 +196,8 @@ static int window(struct ruled *r, size_t triangle, int taps, double v[3])
     return v[0] >= 0 && v[0] < SIZE && v[1] >= 0 && v[1] < SIZE && v[2] >= 0 && v[2] < SIZE;
 }
 
-/* Compares a point's window; returns how many of its voxels lie behind a first caster. */
+/* Compares a point's window with the truth; returns how many of its voxels lie behind a first
+ * caster. */
 static int check_window(const struct slow *slow, int taps, const double v[3])
 {
     int behind = 0;
@@ -218,7 +220,7 @@ static int check_window(const struct slow *slow, int taps, const double v[3])
     return behind;
 }
 
-/* Lit voxels are lit; returns how many of those beyond `end` are lit, too. */
+/* Checks that lit voxels are lit; returns how many of those beyond `end` are lit, too. */
 static size_t check_lit(const struct slow *slow)
 {
     size_t freed = 0;
@@ -235,7 +237,7 @@ static size_t check_lit(const struct slow *slow)
     return freed;
 }
 
-/* Returns how many voxels the rule has freed. */
+/* Returns how many voxels became undefined by the rule. */
 static size_t check_soup(struct ruled *r, size_t points)
 {
     struct slow *slow = slow_make(r);
@@ -264,7 +266,8 @@ static size_t check_soup(struct ruled *r, size_t points)
     return freed;
 }
 
-/* A mixture, and two large squares under it that shadows fall on, one of them steep. */
+/* A mixture of casters, and under it two large squares, one of them steep, on which shadows
+ * fall. */
 static void make_soup(struct soup *soup, uint64_t seed)
 {
     soup_init(soup, SIZE, seed);
@@ -293,8 +296,8 @@ static void windows_of_asked_triangles_read_what_is_there(void **state)
     }
 }
 
-/* Walls across the diagonal, 1e-8 off the light's direction: beside them their planes lie beyond
- * all depths that fit whole numbers. */
+/* Walls across the diagonal, 1e-8 off the light's direction. Beside a wall, the depth of its plane
+ * is too large for the whole numbers that hold depths. */
 static void walls_next_to_vertical_are_asked_where_they_are(void **state)
 {
     (void)state;
@@ -354,7 +357,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     r.rule.casters = &casters;
     assert_int_equal(umbu_threads_create(2, &jobs, &error), UMB_OK);
     memset(r.rule.met, 0, soup.count);
-    /* No texel is looked at, or this tile without any would be read out of bounds. */
+    /* No texel may be read: this tile has none, so a read would be out of bounds. */
     const struct umbb_tile tile = {.size = SIZE, .background = SIZE};
     umbb_static_survey(&r.rule, &tile, jobs, is_over);
     for (size_t i = 0; i < soup.count; i++) {
@@ -366,7 +369,7 @@ static void a_cancelled_survey_looks_at_nothing_more(void **state)
     soup_finish(&soup);
 }
 
-/* Every marked cell has a triangle within its diagonal and the reach of a bias. */
+/* Every marked cell must have a triangle within its diagonal plus the reach of a bias. */
 static void cells_are_marked_near_surfaces_only(void **state)
 {
     (void)state;

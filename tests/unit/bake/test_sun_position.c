@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sun's position against published values; 0.01 degrees is what the header promises. */
+/* Compares the sun's position with published values; the header promises 0.01 degrees. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

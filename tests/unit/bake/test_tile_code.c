@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tile results as bytes, and the folder that holds them: canonical, checked, kept in size. */
+/* Tile results as bytes, and the folder that holds them: encoding is canonical, bytes are checked,
+ * and the folder's size stays within its limit. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -77,7 +78,7 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     assert_int_equal(size, other_size);
     assert_memory_equal(one, two, size);
 
-    /* Decoding into a third and encoding again gives them once more. */
+    /* Decoding into a third pool and encoding again must give the same bytes. */
     struct umb__pool third;
     struct umb_error error;
     struct umbb_runs runs = {0};
@@ -100,7 +101,7 @@ static void equal_results_are_equal_bytes_whatever_the_pool_held(void **state)
     free(again);
 }
 
-/* Decodes a copy in a block of its exact size. A refusal must leave the pool alone. */
+/* Decodes a copy in a block of its exact size. A refusal must not change the pool. */
 static enum umb_status decode_copy(const uint8_t *bytes, size_t size)
 {
     struct umb__pool pool;
@@ -152,13 +153,13 @@ static void every_prefix_and_flipped_byte_is_refused_or_harmless(void **state)
             tried++;
         }
     }
-    /* What is left are other trees of the same form. */
+    /* The remaining cases decode to other trees of the same form. */
     assert_in_range(refused, tried / 2, tried);
     free(bytes);
 }
 
-/* Decodes a copy in a block of its exact size, first occluders included, into an occluder depth
- * map of 16 tiles. A refusal must leave it alone. */
+/* Decodes a copy in a block of its exact size, first occluders included, into an occluder depth map
+ * of 16 tiles. A refusal must not change it. */
 static enum umb_status decode_occluder_depth(const uint8_t *bytes, size_t size,
                                              struct umb__occluder_depth *occluder_depth)
 {
@@ -241,7 +242,7 @@ static void make_key(uint8_t key[UMB_ID_BYTES], unsigned n)
     key[31] = 0xab;
 }
 
-/* Longer than the clock of files ticks, so that times of use differ. */
+/* Sleeps longer than a tick of the clock of files, so that times of use differ. */
 static void pause_a_little(void)
 {
     const struct timespec pause = {0, 20000000};
@@ -303,7 +304,7 @@ static void the_cache_drops_what_was_used_longest_ago(void **state)
     assert_in_range(cache.bytes, 900000, 1050000);
     umbb_tile_cache_close(&cache);
 
-    /* A smaller limit holds from the opening on. */
+    /* A smaller limit must hold as soon as the folder is opened. */
     assert_int_equal(umbb_tile_cache_open(&cache, folder, 450000, &error), UMB_OK);
     assert_int_equal(folder_each(folder, NULL), 4);
     umbb_tile_cache_close(&cache);

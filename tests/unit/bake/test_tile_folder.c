@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bakes that keep and find tiles: the same octree as without, and after an edit no tile is baked
- * that the edit does not reach.
+ * Bakes that keep and find tiles: the octree must be the same as without, and after an edit only
+ * tiles that the edit reaches may be baked.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +13,7 @@
 #include "bake_soups.h"
 #include "tile_folders.h"
 
-/* What a bake with a tile cache went through. */
+/* What happened to the tiles in a bake with a tile cache. */
 struct kept_bake {
     struct umbb_bake_figures figures;
     uint64_t damaged;
@@ -99,7 +99,7 @@ static void plain(const struct soup *soup, int closed_rule, uint32_t tile_log2,
     depth.destroy(depth.state);
 }
 
-/* Both are merged, so that equal voxels and counts mean equal trees. */
+/* Both octrees are merged into canonical form, so equal voxels and counts mean equal trees. */
 static void assert_same(const struct umb__octree *a, const struct umb__octree *b, int32_t size)
 {
     assert_int_equal(a->brick_count, b->brick_count);
@@ -263,7 +263,7 @@ static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state
     struct umb__octree octree;
     uint32_t *words[3];
     uint64_t counts[3];
-    /* 0: drawn, by one tile and no tile cache; 1: drawn and kept, 2: found */
+    /* 0: drawn, as one tile without a tile cache; 1: drawn and kept; 2: found */
     for (int round = 0; round < 3; round++) {
         struct umb__occluder_depth occluder_depth;
         assert_int_equal(umb__occluder_depth_init(&occluder_depth, NULL, 8, 1U << 26, &error),
@@ -296,7 +296,8 @@ static void first_occluders_come_from_kept_tiles_as_from_drawn_ones(void **state
     for (int round = 0; round < 3; round++) {
         umb__occluder_depth_words_free(NULL, words[round]);
     }
-    /* A bake that keeps none finds no tile that does, and damages none. */
+    /* A bake that keeps no first occluders must find no tile that has them, and must damage
+     * none. */
     const struct kept_bake other = kept(&soup, 1, 6, UMBB_TILE_FOLDER_CACHE, folder, 0, NULL);
     assert_int_equal(other.figures.tiles_found, 0);
     assert_int_equal(other.damaged, 0);

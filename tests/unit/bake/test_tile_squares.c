@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Squares of a tile by jobs: what lies below a proven square is not read, and the tile's column is
- * that of the whole tile built at once.
+ * Squares of a tile, built by jobs: texels below a proven square must not be read, and the tile's
+ * column must be that of the whole tile built at once.
  */
 #define _DEFAULT_SOURCE
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 #define TILE_LOG2  7 /* squares of 32 texels, four to a square that may be proven */
 #define BACKGROUND 4096
 
-/* A copy of an array whose first half cannot be read: it ends where a page does. */
+/* Copies an array so that its first half cannot be read: it lies on a page without access. */
 struct half_array {
     char *mapping;
     size_t bytes; /* of the mapping */
@@ -55,7 +55,8 @@ static void fill(struct umbb_tile *tile)
     umbb_tile_pyramid(tile);
 }
 
-/* The same tile with its upper half proven: texels and pyramid below there end in a fault. */
+/* The same tile with its upper half proven: reads of texels and pyramid below a proven square cause
+ * a fault. */
 static struct umbb_tile proven_above(const struct umbb_tile *tile, struct half_array *arrays,
                                      size_t *count)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Deep maps of translucent triangles against products over all hits: rays of the test's own, in
- * long double, through every texel's middle.
+ * Compares deep maps of translucent triangles with products over all hits. The test's own rays find
+ * the hits in long double, through every texel's middle.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -79,7 +79,8 @@ static void make_fixture(struct fixture *f, uint64_t seed)
         cut_scene_add_random(&f->scene, TEXELS, 1 + (uint32_t)(cut_bits(&f->scene) % 3));
     }
     finish_fixture(f, (double)DEPTH / TEXELS);
-    /* What is clear or opaque all over is no caster here: it stands far behind. */
+    /* A material that is clear or opaque all over gives no translucent caster; its triangles are
+     * put far behind. */
     for (uint32_t i = 0; i < TRIANGLES; i++) {
         if (f->cuts.of[i] >= UMBS_CUT_CLEAR) {
             f->cuts.of[i] = 0;
@@ -123,8 +124,8 @@ static void expand(const struct umb__transmittance_bytes *squares, struct umb__t
     umb__transmittance_bytes_finish(&entry);
 }
 
-/* A hit of the ray through a texel's middle: its depth and what it lets through. Unsure: at an
- * edge, on a voxel's border, or where the texture has a step. */
+/* A hit of the ray through a texel's middle: its depth, and the light that it lets through. It is
+ * unsure at an edge, on a voxel's border, or where the texture has a step. */
 struct hit {
     long double z, passes;
     int unsure;
@@ -172,8 +173,8 @@ static int hit_triangle(const struct fixture *f, uint32_t i, int x, int y, struc
     return 1;
 }
 
-/* Light left at the middle of voxels by all hits before them; lists end where next to nothing is.
- */
+/* Computes the light left at the middle of voxels behind all hits before them; a list ends where
+ * almost none is left. */
 static void lists_are_products_of_all_hits(void **state)
 {
     (void)state;
@@ -254,8 +255,8 @@ static void bytes_do_not_depend_on_threads_or_the_order_of_triangles(void **stat
     umbs_cuts_finish(&f.cuts);
 }
 
-/* A pane of two triangles whose diagonal runs through the middles of texels takes its share once.
- */
+/* A pane of two triangles, whose diagonal runs through the middles of texels, must take its share
+ * of light once. */
 static void edges_that_are_shared_count_once(void **state)
 {
     (void)state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bins: no covered texel is left out, slivers are listed along their length, memory is bounded. */
+/* Bins must list every texel that a triangle covers, list slivers along their length, and keep to
+ * bounded memory. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -82,7 +83,8 @@ static void a_sliver_is_listed_along_its_length_only(void **state)
     struct umbb_bins bins = {0};
     struct umb_error error;
     assert_int_equal(umbb_bins_fill(&bins, &input, &error), UMB_OK);
-    /* 64 rows of cells, of which a diagonal meets two each, or three within a texel of a corner. */
+    /* A map has 64 rows of cells. A diagonal meets two cells in each row, or three within a texel
+     * of a corner. */
     assert_true(bins.first[64 * 64] >= 64 && bins.first[64 * 64] <= 3 * 64);
     umbb_bins_finish(&bins);
     soup_finish(&soup);

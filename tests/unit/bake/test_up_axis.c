@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The up axis of OBJ, PLY and STL: by words of the file, by the scene's shape, or said aloud. */
+/* The up axis of OBJ, PLY and STL scenes: taken from words of the file, from the scene's shape, or
+ * stated with a warning. */
 #include "import_try.h"
 
 #include <math.h>
@@ -82,7 +83,7 @@ static void programs_with_one_axis_are_known(void **state)
     assert_int_equal(umbb_up_of_program(cursor_of("# 3ds Max Wavefront OBJ")), UMBB_UP_UNKNOWN);
 }
 
-/* Checks what a file tells. Out: the scene is destroyed. */
+/* Checks which up axis a file gives. Out: the scene is destroyed. */
 static void expect_up(const char *name, const char *text, int z_up, enum umbs_up_evidence evidence)
 {
     struct umbs_scene *scene = import_text(name, text);
@@ -154,7 +155,7 @@ static void shapes_tell_their_axis_both_ways(void **state)
     }
 }
 
-/* A door: flat along one axis, standing on the other. Evidence that contradicts itself is none. */
+/* A door: flat along one axis, standing on the other. Contradictory evidence counts as none. */
 static void contradictions_are_said_aloud(void **state)
 {
     (void)state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points as people and programs write them: text and raw, well and badly, in any batch size. */
+/* Points as people and programs write them: text and raw, valid and invalid, in batches of any
+ * size. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -40,7 +41,7 @@ static void write_file(const void *bytes, size_t size)
     assert_int_equal(fclose(file), 0);
 }
 
-/* All points of the file, read in batches of `capacity`. */
+/* Reads all points of the file in batches of `capacity`. */
 struct all {
     double positions[4096][3];
     float normals[4096][3];
@@ -183,7 +184,7 @@ static void lines_may_cross_the_buffer_but_have_a_limit(void **state)
     static char text[3 * UMBC_LINE_MAX];
     struct umb_error error = {0};
     (void)state;
-    /* Comments of growing length move the ends of lines over every place of the buffer's end. */
+    /* Comments of growing length put the ends of lines at every place around the buffer's end. */
     size_t size = 0;
     for (int i = 0; size < 2 * UMBC_LINE_MAX + 4000; i++) {
         size += (size_t)snprintf(text + size, 100, "%d 0.25 -%d #", i, i);
@@ -281,7 +282,8 @@ enum {
     MANY = 800000
 };
 
-/* Each sampled point is its own number: in order, in intervals, from the whole file. */
+/* Each point's coordinates are its own number. The sample must be in order, in intervals, and from
+ * the whole file. */
 static void check_sample(enum umbc_points_format format, bool with_normals, size_t total)
 {
     struct umbc_batch sample;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How far boxes are: about how many voxels each will hold. */
+/* The progress of boxes: about how many voxels each box will hold. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -12,8 +12,8 @@
 
 static const double origin[3] = {4e6, -2e5, 30};
 
-/* 64 voxels a side of half a metre along x and y and a quarter along z, turned about the z axis,
- * from the origin on. */
+/* A frustum of 64 voxels a side, half a metre along x and y and a quarter along z, turned about the
+ * z axis, with its corner at the origin. */
 static struct umb_frustum_info turned_frustum(double degrees)
 {
     const double c = cos(degrees * acos(-1) / 180), s = sin(degrees * acos(-1) / 180);

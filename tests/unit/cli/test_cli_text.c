@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the command line writes: answers, and text that commands no terminal. */
+/* Output of the command line: answers, and text that cannot command a terminal. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

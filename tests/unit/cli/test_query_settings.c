@@ -14,7 +14,7 @@
 #include "base/query_settings.h"
 #include "cli/cli_query_options.h"
 
-/* Finds the option that sets a setting: the one that errors about it name. */
+/* Finds the option that sets a setting: the one whose errors name it. */
 static const char *option_of(const char *setting)
 {
     static char name[64];

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The words of public structs that later versions use: no function takes one that is not 0, and
- * every function that fills in a struct writes 0 to them (umbrage/version.h).
+ * The `reserved` words of public structs, which later versions may use (umbrage/version.h): every
+ * function must refuse a word that is not 0, and every function that fills in a struct must write 0
+ * to them.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -63,7 +64,7 @@ static int close_asset(void **state)
     return 0;
 }
 
-/* Each word of object->reserved in turn makes `call` fail, with its name. */
+/* Sets each word of object->reserved in turn; `call` must fail and name the struct. */
 #define REFUSED(object, name, call)                                                                \
     do {                                                                                           \
         for (size_t i = 0; i < sizeof(object)->reserved / 8; i++) {                                \
@@ -74,7 +75,7 @@ static int close_asset(void **state)
         }                                                                                          \
     } while (0)
 
-/* The words of a struct that a function filled in. */
+/* Checks the `reserved` words of a struct that a function filled in. */
 #define ZEROED(object)                                                                             \
     do {                                                                                           \
         for (size_t i = 0; i < sizeof(object)->reserved / 8; i++) {                                \
@@ -112,7 +113,7 @@ static void core_refuses_unknown_words(void **state)
     REFUSED(&view, "view", umb_partial_want(partial, &view, 0, &error));
     assert_int_equal(umb_partial_want(partial, &view, 0, &error), UMB_OK);
     umb_partial_close(partial);
-    /* Without such words all of them are taken. */
+    /* Without nonzero words the same structs must be accepted. */
     assert_int_equal(umb_query_prepare(asset, &settings, &query, &error), UMB_OK);
     assert_int_equal(umb_points_check(&points, &error), UMB_OK);
     assert_int_equal(umb_segments_check(&segments, &error), UMB_OK);
@@ -258,7 +259,7 @@ static void the_client_refuses_unknown_words(void **state)
     assert_int_equal(umb_region_open(&source, &options, &region, &error), UMB_E_IO);
 }
 
-/* Everything but zeros, as a caller's stack may hold. */
+/* Fills a struct with bytes other than zero, as a caller's stack may hold. */
 static void *soiled(void *memory, size_t size)
 {
     return memset(memory, 0xa5, size);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Log lines as JSON: the same keys and values, escaped, whole at any length. */
+/* Log lines as JSON: the same keys and values, escaped, and complete at any length. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -33,7 +33,7 @@ static void log_line_becomes_one_object(void **state)
     expect("cut=\"in the mid", "{\"cut\":\"in the mid\"}");
 }
 
-/* Every room: an object of whole pairs, never more than the room. */
+/* For every size of the buffer the output must be an object of complete pairs, and fit. */
 static void log_object_is_whole_in_any_room(void **state)
 {
     (void)state;

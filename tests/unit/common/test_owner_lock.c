@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One owner a lock file: on this machine by locks, elsewhere by a number that moves. */
+/* A lock file must have one owner: on this machine by locks, between machines by a number that its
+ * owner keeps changing. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -43,7 +44,7 @@ static int teardown(void **state)
     return 0;
 }
 
-/* What an owner of another machine left, or goes on writing. */
+/* Writes what an owner on another machine left, or keeps writing. */
 static void write_owner(const struct fixture *f, unsigned number)
 {
     FILE *file = fopen(f->path, "w");

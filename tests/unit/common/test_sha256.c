@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SHA-256 of many messages at once against OpenSSL's of each, and a known answer. */
+/* SHA-256 of many messages at once, compared with OpenSSL's of each, and with a known answer. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -54,7 +54,7 @@ static void free_messages(struct messages *m)
     }
 }
 
-/* Both the hasher, which may do without lanes, and lanes of their own. */
+/* Tests the hasher, which may not use lanes, and lanes by themselves. */
 static void compare(const struct messages *m)
 {
     const uint8_t *bytes[MOST] = {NULL};
@@ -165,7 +165,7 @@ static void *hash_again(void *user)
     return NULL;
 }
 
-/* More threads than lanes are kept for. */
+/* Starts more threads than lanes are kept for. */
 static void threads_do_not_share_lanes(void **state)
 {
     static const size_t sizes[] = {700, 64, 5000, 0, 1};

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_LAMP_FIXTURE_H
 #define UMBRAGE_TESTS_LAMP_FIXTURE_H
-/* An asset of one point light: six faces whose voxels say exactly what a plane shadows. */
+/* An asset of one point light: six faces whose voxels are the exact shadow of a plane. */
 #include <math.h>
 #include <string.h>
 
@@ -81,15 +81,15 @@ static inline void set_content(struct umb__content *content)
     }
 }
 
-/* Voxels of a light's faces, and the light, if it is to be another than a point without extent:
- * kind, direction, extent and side. */
+/* Voxels of a light's faces. The light's kind, direction, extent and side; zeros stand for a point
+ * light without extent. */
 struct lamp_model {
     int (*voxel)(const void *user, uint32_t face, uint32_t x, uint32_t y, uint32_t z);
     const void *user;
     const struct umb_light_info *light;
 };
 
-/* Writes an asset of one lamp. Returns NULL, and why, if its content is refused. */
+/* Writes an asset of one lamp. If its content is refused, returns NULL and the reason. */
 static inline struct umb_asset *try_lamp(const struct lamp_model *model, struct umb_error *error)
 {
     const struct voxels voxels = {model->voxel, model->user, LOG2, FACES};

@@ -28,7 +28,8 @@
 #define PARTIAL_POINTS 1000000U
 #endif
 
-/* Blocks under a cloud of noise: a height up to which a texel is lit, then voxels at random. */
+/* Blocks under a cloud of noise: below a certain height voxels are lit; above it they are
+ * random. */
 static inline int partial_scene(const void *user, uint32_t frustum, uint32_t x, uint32_t y,
                                 uint32_t z)
 {
@@ -169,8 +170,8 @@ static inline void partial_fixture_close(struct partial_fixture *f)
     free(f->normals);
 }
 
-/* Asks both; returns how many of the first `count` points are exact. Every promise that holds at
- * any time is checked. */
+/* Queries the whole and the partial asset; returns how many of the first `count` points are exact.
+ * Checks all promises that hold at any time. */
 static inline uint64_t partial_compare(struct partial_fixture *f,
                                        const struct umb_query_settings *s, size_t count, int want)
 {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* umbrage/file.h: converting, proving, mapping a file, reading its first bytes. */
+/* Tests of umbrage/file.h: converting assets, proving ids, mapping a file, reading its first
+ * bytes. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -60,7 +61,7 @@ static void either_encoding_is_written_from_either(void **state)
     }
 }
 
-/* A hash that is no SHA-256, nor the harness's: every id differs. */
+/* A hash that is neither SHA-256 nor the harness's, so that every id differs. */
 static void another_digest(void *user, const void *const *parts, const size_t *sizes,
                            size_t part_count, uint8_t out[UMB_ID_BYTES])
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed and mapped files: round trips, and every damage refused. */
+/* Packed and mapped files: content survives round trips, and every kind of damage is refused. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -17,7 +17,7 @@
 
 static const double far_origin[3] = {84616.5, 447423.25, -3};
 
-/* Bumpy columns: lit above a height that hashes of coarse and fine cells give. */
+/* Bumpy columns: lit above a height that is computed from hashes of coarse and fine cells. */
 static int bumpy(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     uint64_t coarse = (x / 16 * 73856093U) ^ (y / 16 * 19349663U) ^ (frustum * 83492791U);
@@ -168,8 +168,8 @@ static void flipped_bits_of_a_mapped_file_are_refused(void **state)
     size_t head = head_length(&mapped);
     uint64_t seed = 42;
     for (size_t k = 0; k < head * 8 + 4000; k++) {
-        /* Every bit of the head, then a sample of the rest; padding between sections is not data.
-         */
+        /* Flips every bit of the head, then a sample of the others. Padding between sections is not
+         * tested here. */
         size_t bit = k < head * 8 ? k : head * 8 + next_random(&seed) % ((mapped.size - head) * 8);
         mapped.data[bit / 8] ^= (uint8_t)(1U << (bit % 8));
         enum umb_status status = try_open(mapped.data, mapped.size);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes and columns against loops over every voxel. */
+/* Boxes and columns, compared with loops over every voxel. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 #include "volume_fixture.h"
 #include "query/volume_parts.h"
 
-/* The header's words for the centre of a voxel. */
+/* Computes the centre of a voxel as the header defines it. */
 static double centre_at(const struct volume_fixture *f, unsigned axis, const int64_t voxel[3])
 {
     double w = 0;
@@ -22,7 +22,7 @@ static double centre_at(const struct volume_fixture *f, unsigned axis, const int
     return w + fixture_origin[axis];
 }
 
-/* Tests every voxel from low to high (inclusive), clipped to the frustum, for itself. */
+/* Tests every single voxel from low to high (inclusive), clipped to the frustum. */
 static struct umb_box_answer count_plainly(const struct volume_fixture *f,
                                            const struct umb_box *box, const double low[3],
                                            const double high[3])
@@ -49,7 +49,7 @@ static struct umb_box_answer count_plainly(const struct volume_fixture *f,
     return answer;
 }
 
-/* Around a box that begins anywhere in the frustum; its sides are mostly short. */
+/* Draws a box that begins anywhere in the frustum; its sides are mostly short. */
 static struct umb_box random_box(const struct volume_fixture *f, uint64_t *seed)
 {
     double v[3], p[3];
@@ -206,8 +206,8 @@ static void boxes_that_are_no_boxes_are_named_and_do_no_harm(void **state)
     volume_fixture_close(&f);
 }
 
-/* Counts how often it is asked, and says no to the box's steps above a limit. Looks at the first
- * answer, which must only grow. */
+/* A watch that counts its calls, and gives up a box after a limit of steps. It checks that the
+ * first answer's counts never fall. */
 struct patience {
     uint64_t limit, last;
     unsigned asked;
@@ -258,8 +258,8 @@ static void a_box_is_given_up_when_it_takes_too_many_steps(void **state)
     volume_fixture_close(&f);
 }
 
-/* A tree whose nodes of a level are one node, shared eight times by the node above: 2^(3n) voxels
- * in a kilobyte. The lowest have no brick, only lit and shadowed children. */
+/* A tree with one node in each level, which the node above has as all eight children: 2^(3n) voxels
+ * in a kilobyte. The lowest node has only lit and shadowed children, no bricks. */
 static struct bytes shared_nodes(uint32_t log2_size)
 {
     static const double origin[3] = {0, 0, 0};
@@ -286,8 +286,8 @@ static struct bytes shared_nodes(uint32_t log2_size)
     return file;
 }
 
-/* A box of such a tree is counted where the resolution bounds its steps, and refused where it does
- * not. */
+/* In such a tree a box must be counted if the resolution bounds its steps, and refused
+ * otherwise. */
 static void a_box_without_a_watch_has_a_limit(void **state)
 {
     static const uint32_t sizes[] = {11, 13};

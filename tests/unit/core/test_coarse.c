@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Look-ups that stop at cells, and the bound that every look-up states. */
+/* Look-ups that stop at cells, and the bound that is stated for every look-up. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -20,7 +20,7 @@ enum {
 static const double voxel_m = 0.25;
 static const double origin[3] = {700000.5, -5, 12};
 
-/* Balls of shadow: a set whose boundary is known everywhere. */
+/* Balls of shadow, whose boundary is known everywhere. */
 static const double balls[3][4] = {{20, 30, 25, 13}, {44, 20, 40, 9.3}, {70, 70, 64, 31}};
 
 static double distance_to(const double p[3], unsigned ball)
@@ -32,8 +32,8 @@ static double distance_to(const double p[3], unsigned ball)
     return sqrt(square) - balls[ball][3];
 }
 
-/* 1 if a place in voxel space is lit; *boundary: how far the nearest ball's surface is, in voxels.
- */
+/* Returns 1 if a place in voxel space is lit. Out: *boundary: distance to the nearest ball's
+ * surface, in voxels. */
 static int truth(const double p[3], double *boundary)
 {
     int lit = 1;
@@ -94,7 +94,7 @@ static struct umb_points draw_points(uint32_t size, uint64_t *seed)
     return points;
 }
 
-/* What a cell of the voxels says: 0, 1, or one half. */
+/* Returns the answer of a cell from its voxels: 0, 1, or one half. */
 static float cell_answer(const struct fixture *f, const struct umb__window *w, uint32_t level)
 {
     if (w->all_lit) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Accuracy curves: counted windows, their way through a file, and what the dial makes of them. */
+/* Accuracy curves: windows are counted, rows go through a file and back, and the dial chooses from
+ * them. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -131,7 +132,7 @@ static void windows_are_counted_as_voxel_by_voxel(void **state)
     fixture_close(&f);
 }
 
-/* The answers behind the sums are those that queries give. */
+/* The sums must be made of the answers that queries give. */
 static void curves_measure_the_answers_of_queries(void **state)
 {
     (void)state;
@@ -151,7 +152,7 @@ static void curves_measure_the_answers_of_queries(void **state)
         if (record->level > 0) {
             assert_true(record->lines < 3 * (uint64_t)record->points); /* no brick */
         } else if (record->taps == 1) {
-            /* A brick for each that queries read, as they are the same voxels. */
+            /* As many bricks must be read as by queries, since the voxels are the same. */
             assert_true(record->lines >= record->points + answers.stats.bricks);
         }
     }
@@ -276,7 +277,7 @@ static void halving_an_error_never_widens_the_bound_nor_lowers_the_cost(void **s
 
 static double ticks;
 
-/* A clock on which each look takes longer than the last. */
+/* A clock that adds more time at each reading than at the one before. */
 static double slow_clock(void)
 {
     ticks += 1e-3 + ticks * 1e-3;
@@ -318,7 +319,8 @@ static void a_budget_buys_the_least_error_that_costs_no_more(void **state)
     fixture_close(&f);
 }
 
-/* A clock that stands still between looks of a pair, and steps by random lengths within them. */
+/* A clock that stands still between pairs of readings, and advances by random lengths within a
+ * pair. */
 static uint64_t clock_seed;
 static int clock_looks;
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Explanations against the answers they explain, and against single look-ups. */
+/* Explanations, compared with the answers that they explain and with single look-ups. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

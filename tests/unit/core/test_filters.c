@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tent and Gaussian filters against plain sums of weights, and footprints in metres. */
+/* The tent and Gaussian filters, compared with plain sums of weights; and footprints in metres. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -12,7 +12,7 @@ enum {
     POINTS = 1500
 };
 
-/* The header's words, texel by texel; v: voxel space. */
+/* Computes the answer as the header defines it, texel by texel. In: v: voxel space. */
 static uint32_t plain_tent(const struct volume_fixture *f, const double v[3], int32_t taps)
 {
     int32_t half = taps / 2, m = half + 1;
@@ -64,14 +64,15 @@ static void tents_weigh_the_texels_that_plain_loops_weigh(void **state)
     volume_fixture_close(&f);
 }
 
-/* Weight of a texel at a distance on one axis of the Gaussian of the header's words. */
+/* Returns the weight of the header's Gaussian for a texel at a distance on one axis. */
 static long double bell(int32_t distance, int32_t taps)
 {
     const long double sigma = taps / 6.0L;
     return expl(-distance * distance / (2 * sigma * sigma));
 }
 
-/* Answer of the unbounded Gaussian, texel by texel. `reach` texels hold all but 1e-10 of it. */
+/* Returns the answer of the unbounded Gaussian, texel by texel. `reach` texels hold all but 1e-10
+ * of its weight. */
 static long double plain_gaussian(const struct volume_fixture *f, const double v[3], int32_t taps)
 {
     const int32_t reach = 2 * taps;
@@ -89,7 +90,7 @@ static long double plain_gaussian(const struct volume_fixture *f, const double v
     return sum / total;
 }
 
-/* The header's bound, on windows of noise, inside the frustum and across its edge. */
+/* Checks the header's bound on windows of noise, inside the frustum and across its edge. */
 static void gaussians_are_near_the_unbounded_one(void **state)
 {
     (void)state;
@@ -138,7 +139,7 @@ static int lit_from_40_on(const void *user, uint32_t frustum, uint32_t x, uint32
     return x >= 40;
 }
 
-/* Beside an edge the answers are sums of the weights of a row: they rise, and mirror each other. */
+/* Beside an edge the answers are sums of the weights of a row: they must rise, and be symmetric. */
 static void gaussians_rise_evenly_across_an_edge(void **state)
 {
     (void)state;

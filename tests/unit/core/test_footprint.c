@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Footprints: windows below, plain means of single look-ups above, continuous between. */
+/* Footprints: small ones are windows, larger ones are plain means of single look-ups, and answers
+ * are continuous between the two. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -91,7 +92,8 @@ static void footprints_up_to_the_window_are_the_window(void **state)
     volume_fixture_close(&f);
 }
 
-/* The header's words: a square of the surface, lifted, one tap at each place of the lattice. */
+/* Computes a footprint as the header defines it: a square of the surface, lifted, with one tap at
+ * each point of the lattice. */
 static double plain_level(const struct volume_fixture *f, const double p[3], const float raw[3],
                           double side)
 {
@@ -131,7 +133,8 @@ static double plain_level(const struct volume_fixture *f, const double p[3], con
     return sum / SAMPLES;
 }
 
-/* Rounding may put single samples on the other side of a voxel's face: few points, one sample. */
+/* Rounding may put a sample on the other side of a voxel's face: only at few points, and one sample
+ * at each. */
 static void levels_are_means_over_squares_of_the_surface(void **state)
 {
     (void)state;
@@ -144,7 +147,7 @@ static void levels_are_means_over_squares_of_the_surface(void **state)
     for (unsigned level = 1; level <= 5; level++) {
         unsigned differ = 0, between = 0;
         struct umb_points points = points_of(&batch);
-        /* As wide as level + 1/2: the mean of two levels. */
+        /* A footprint as wide as level + 1/2 is the mean of two levels. */
         points.footprints = NULL;
         struct umb_query_settings settings = {.filter = UMB_FILTER_FOOTPRINT,
                                               .footprint_m = texel * (1U << level) * 1.5};
@@ -181,7 +184,7 @@ static void answers_are_continuous_in_the_footprint(void **state)
         draw_batch(&f, 700 + turn, 30, &near);
         far = near;
         for (size_t i = 0; i < POINTS; i++) {
-            /* Every third pair lies on both sides of a level. */
+            /* In every third pair the two widths lie on both sides of a level. */
             const double edge = texel_of(&f) * settings.taps * (1U << i % 6);
             near.footprints[i] = i % 3 == 0 ? (float)(edge * 0.9999) : near.footprints[i];
             far.footprints[i] = near.footprints[i] * (float)(1 + 0.1 * random_unit(&seed));
@@ -200,7 +203,7 @@ static void answers_are_continuous_in_the_footprint(void **state)
     volume_fixture_close(&f);
 }
 
-/* Two voxels a texel of slope, and nothing above it. */
+/* The slope falls two voxels a texel, with nothing above it. */
 static int open_slope(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     (void)user;
@@ -217,7 +220,8 @@ static void a_plane_is_lit_whatever_the_footprint(void **state)
     uint64_t seed = 73;
     volume_fixture_open(&f, open_slope, LOG2_SIZE, 1, 0);
     draw_batch(&f, 74, 20, &batch);
-    /* In voxels the plane is 0.4 x + 0.25 y - z = -30; its normal is the gradient, to the light. */
+    /* In voxels the plane is 0.4 x + 0.25 y - z = -30. Its normal is the gradient, towards the
+     * light. */
     double normal[3];
     for (unsigned k = 0; k < 3; k++) {
         const double(*m)[4] = f.frustum.world_to_voxel;
@@ -274,7 +278,7 @@ static void runs_of_any_length_give_the_same_bits(void **state)
     volume_fixture_close(&f);
 }
 
-/* The kernels of this processor; with fewer instructions first. */
+/* The kernels that this processor can run, the simplest first. */
 static size_t list_kernels(struct umb__kernels kernels[3])
 {
     size_t count = 0;
@@ -294,7 +298,7 @@ static size_t list_kernels(struct umb__kernels kernels[3])
     return count;
 }
 
-/* Answers by every kernel, which must also count the same. */
+/* Computes answers with every kernel; the counts must be the same, too. */
 static void compare_kernels(const struct volume_fixture *f,
                             const struct umb_query_settings *settings,
                             const struct umb_points *points)
@@ -317,7 +321,8 @@ static void compare_kernels(const struct volume_fixture *f,
     }
 }
 
-/* Squares of a texel and wider than the frustum, on its edges and far from it, at every bias. */
+/* Squares of one texel and squares wider than the frustum, on its edges and far from it, for every
+ * bias. */
 static void every_kernel_gives_the_same_bits(void **state)
 {
     (void)state;
@@ -357,7 +362,7 @@ static void pixels_cover_more_of_a_surface_that_leans_away(void **state)
         .filter = UMB_FILTER_FOOTPRINT,
         .eye = {fixture_origin[0], fixture_origin[1], fixture_origin[2] + 10},
         .pixel_rad = 0.01};
-    /* Seen straight, at 60 degrees, along the surface, and with no normal. */
+    /* A surface seen at a right angle, at 60 degrees, along the surface, and without a normal. */
     static const float normals[4][3] = {{0, 0, 3}, {0.8660254F, 0, 0.5F}, {1, 0, 0}, {0, 0, 0}};
     static const double sides[4] = {0.1, 0.1 * 1.41421356237, 0.4, 0.1};
     static const double positions[4][3] = {{0}};

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Files whose checksums are right and whose content is not: what an accident does not make, but a
- * stranger does. Files are spoilt and their head checks made again.
+ * Files whose checksums are right and whose content is wrong: an attacker can make them, an
+ * accident does not. The tests damage files and then make the head's checksum right again.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -63,7 +63,7 @@ static size_t directory_at(const struct bytes *file)
     return UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
 }
 
-/* Of page 0, in the first block behind the head. */
+/* Offset of the entry of page 0, in the first block behind the head. */
 static size_t first_entry_at(const struct bytes *file)
 {
     return (size_t)umb__load64(file->data + UMB__HEAD_LENGTH);
@@ -142,7 +142,7 @@ static void an_entry_that_must_be_understood_is_not_passed_over(void **state)
 {
     struct bytes packed = bumpy_file(6);
     (void)state;
-    /* An unknown tag, whose flags say that the rest means nothing without it. */
+    /* An unknown tag whose flags say that a reader must understand the entry. */
     expect_spoilt(&packed, entry_at(&packed, UMB__TAG_LIGHTS) - UMB__ENTRY_HEAD, '?', UMB_E_VERSION,
                   "needs a newer reader");
     bytes_finish(&packed);
@@ -224,7 +224,7 @@ static void every_bit_of_a_mapped_file_counts(void **state)
     struct bytes packed = bumpy_file(6), mapped = make_mapped(&packed);
     struct umb_error error;
     (void)state;
-    /* All bits of the head, then one bit of every byte. */
+    /* Flips all bits of the head, then one bit of every other byte. */
     size_t head = (size_t)umb__load64(mapped.data + UMB__HEAD_LENGTH);
     size_t count = head * 8 + mapped.size - head;
     for (size_t k = 0; k < count; k++) {
@@ -241,7 +241,7 @@ static void every_bit_of_a_mapped_file_counts(void **state)
 
 static void a_second_frame_behind_a_page_is_refused(void **state)
 {
-    /* A zstd skippable frame: decoders pass over it, so that bytes could hide there. */
+    /* Adds a zstd skippable frame: decoders pass over it, so bytes could be hidden there. */
     static const uint8_t frame[12] = {0x50, 0x2a, 0x4d, 0x18, 4, 0, 0, 0, 'h', 'i', 'd', 'e'};
     struct bytes packed = bumpy_file(6), longer = {0};
     struct umb_sink sink = bytes_sink(&longer);
@@ -266,11 +266,11 @@ static void a_second_frame_behind_a_page_is_refused(void **state)
     bytes_finish(&longer);
 }
 
-/* Counts what is alive and its peak; each block carries its size in front. */
+/* Counts the bytes allocated and their peak; the size of each block is stored in front of it. */
 struct meter {
     size_t live, peak;
     struct bytes *file; /* overwritten ... */
-    size_t at;          /* ... here, once an allocation of `trigger` bytes was asked for */
+    size_t at;          /* ... at this offset, when an allocation of `trigger` bytes is requested */
     size_t trigger;
     int done;
 };
@@ -307,7 +307,7 @@ static void *metered_resize(void *user, void *block, size_t bytes)
 
 static void opening_never_takes_more_than_its_limit(void **state)
 {
-    /* Head, texts and lists of lights come on top of the limit; here they are small. */
+    /* The head, texts and lists of lights come on top of the limit; they are small here. */
     enum {
         ON_TOP = 8192
     };
@@ -336,7 +336,7 @@ static void opening_never_takes_more_than_its_limit(void **state)
     bytes_finish(&packed);
 }
 
-/* Many frusta whose trees are the same: little but what each has of its own. */
+/* Many frusta with equal trees: each takes little besides its own records. */
 static int one_step(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     (void)user;
@@ -376,8 +376,8 @@ static void opening_many_frusta_takes_no_more_than_its_limit(void **state)
 static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
 {
     (void)state;
-    /* What another process can do to a mapped file: page 0 grows after it was looked at, just when
-     * the memory for all pages is asked for. */
+    /* Imitates another process that changes a mapped file: page 0 grows after its size was read, at
+     * the moment when the memory for all pages is allocated. */
     struct bytes packed = bumpy_file(7);
     size_t directory = first_entry_at(&packed), raw_total = 0;
     uint32_t pages = umb__load32(packed.data + UMB__HEAD_PAGES);
@@ -412,8 +412,8 @@ enum {
     TALL = 19
 };
 
-/* One node a level, each eight times the one below, and a brick that is wholly lit: a canonical
- * writer would store one bit of it. */
+/* One node a level, whose eight children are all the node below, down to a brick that is wholly
+ * lit. A canonical writer would store one uniform state for all of it. */
 static struct bytes shared_uniform_file(void)
 {
     static uint64_t bricks[1][8];
@@ -491,7 +491,8 @@ static void what_a_validated_mapped_file_is_still_checked_for(void **state)
         assert_int_not_equal(umb_asset_open_bytes(mapped.data, size, &options, &asset, &error),
                              UMB_OK);
     }
-    /* Sections: the shape of grids and levels, but no numbers. */
+    /* Opening without the full check looks at sections, grids and levels, but not at the numbers in
+     * them. */
     const uint8_t *entry = mapped.data + directory_at(&mapped);
     size_t tops = (size_t)umb__load64(entry + UMB__SECTION_OFFSET);
     size_t levels = (size_t)umb__load64(entry + UMB__SECTION_ENTRY + UMB__SECTION_OFFSET);
@@ -503,7 +504,7 @@ static void what_a_validated_mapped_file_is_still_checked_for(void **state)
             umb_asset_open_bytes(mapped.data, mapped.size, &options, &asset, &error), UMB_OK);
         mapped.data[shapes[i]] ^= 2;
     }
-    mapped.data[grid + 3] ^= 0x40; /* leads far away: never to be queried */
+    mapped.data[grid + 3] ^= 0x40; /* Leads far outside: never to be queried */
     assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, NULL, &asset, &error),
                      UMB_E_CORRUPT);
     assert_int_equal(umb_asset_open_bytes(mapped.data, mapped.size, &options, &asset, &error),
@@ -524,7 +525,8 @@ static size_t section_at(const struct bytes *file, uint32_t tag, size_t *length)
     return (size_t)umb__load64(entry + UMB__SECTION_OFFSET);
 }
 
-/* Puts a number into a section, makes all checks right, tries it and puts the old one back. */
+/* Puts a number into a section, makes all checksums right, opens the file and puts the old number
+ * back. */
 static void expect_section_spoilt(struct bytes *file, size_t at, uint32_t value, const char *words)
 {
     const uint32_t before = umb__load32(file->data + at);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Every kernel against the walk window by window, over frusta whose grids lead to bricks, to cells
- * of level 5 and to wide nodes above, whole blocks and rests of blocks, points inside and outside.
+ * Compares every kernel with window_count.c, which counts one window at a time: over frusta whose
+ * grids lead to bricks, to cells of level 5 and to wide nodes above, for whole blocks and partial
+ * ones, and for points inside and outside.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,7 +28,7 @@ struct ground {
     uint32_t rough;  /* a texel differs from the next by less than this */
 };
 
-/* Steps of all sizes, so that windows are mixed at every level. */
+/* The ground has steps of all sizes, so that windows are mixed at every level. */
 static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     const struct ground *ground = user;
@@ -39,7 +40,7 @@ static int stepped(const void *user, uint32_t frustum, uint32_t x, uint32_t y, u
     return z < height;
 }
 
-/* An asset of a ground below so many frusta. */
+/* Makes an asset of a ground with so many frusta. */
 struct opened {
     struct bytes file;
     struct umb_asset *asset;
@@ -61,7 +62,7 @@ static void ground_close(struct opened *opened)
     bytes_finish(&opened->file);
 }
 
-/* Prepares a query; what kernels see of it. */
+/* Prepares a query; returns the private form that kernels get. */
 static const struct umb__query *prepare(const struct umb_asset *asset,
                                         const struct umb_query_settings *settings,
                                         struct umb_query *query)
@@ -100,7 +101,7 @@ static size_t list_kernels(struct kernel kernels[KERNELS])
 static double doubles[POINTS][3];
 static float floats[POINTS][3], normals[POINTS][3];
 
-/* `spread`: 1 keeps nearly all points inside, more puts some beyond every side. */
+/* In: spread: with 1 nearly all points are inside; with more, some lie beyond every side. */
 static void make_points(uint32_t size, double spread, uint64_t *seed)
 {
     for (size_t i = 0; i < POINTS; i++) {
@@ -115,7 +116,7 @@ static void make_points(uint32_t size, double spread, uint64_t *seed)
     }
 }
 
-/* The header's words for a tent around v, texel by texel. */
+/* Computes a tent around v as the header defines it, texel by texel. */
 static uint32_t tent_alone(const struct umb__query *q, const double v[3])
 {
     const int32_t half = q->taps / 2;
@@ -135,7 +136,7 @@ static uint32_t tent_alone(const struct umb__query *q, const double v[3])
     return sum;
 }
 
-/* What the kernels must say of point i, told point by point. */
+/* Computes what the kernels must answer for point i, with the point alone. */
 static uint32_t lit_alone(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
     struct umb_query_stats stats = {0};
@@ -213,7 +214,7 @@ static void check_batch(const struct umb__query *q, const struct umb_points *poi
     }
 }
 
-/* All biases and forms of points against one asset's last light. */
+/* Compares the kernels for all biases and forms of points, on one asset's last light. */
 static void check_filter(const struct umb_asset *asset, uint32_t light, enum umb_filter filter,
                          uint32_t taps)
 {
@@ -301,7 +302,7 @@ static void kernels_agree_on_planes_that_a_camera_sees(void **state)
     check_planes(&(struct ground){256, 64, 30});
 }
 
-/* Shared look-ups are read once; no answer shows it. */
+/* Shared look-ups are read once, which must not show in any answer. */
 static void neighbours_in_one_brick_share_a_look_up(void **state)
 {
     (void)state;
@@ -333,7 +334,8 @@ static void neighbours_in_one_brick_share_a_look_up(void **state)
     ground_close(&opened);
 }
 
-/* A block again and again: what is known of its cells is counted as if they were found again. */
+/* A block is answered repeatedly: cells that are in the cache must count as if they were searched
+ * again. */
 static void check_known_cells(const struct ground *ground, uint32_t frusta)
 {
     struct opened opened = ground_open(ground, frusta);
@@ -369,7 +371,8 @@ static void nodes_of_known_cells_are_counted_as_if_found_again(void **state)
     check_known_cells(&(struct ground){128, 32, 2}, 8);
 }
 
-/* Leaves what looks like voxels far away where the next call has its variables. */
+/* Fills the stack with values that look like voxels far away, where the next call has its
+ * variables. */
 static __attribute__((noinline)) void litter_stack(void)
 {
     volatile uint8_t rubbish[16384];
@@ -445,7 +448,8 @@ static struct umb__query far_bricks_make(struct far_bricks *far, uint64_t *seed)
     return q;
 }
 
-/* Runs of two to seven points; the bricks of a block differ in what is above any key of a brick. */
+/* Runs of two to seven points. The bricks of a block differ only in coordinate bits that no key of
+ * a brick has. */
 static void equal_places_of_cubes_far_apart_are_different_bricks(void **state)
 {
     (void)state;
@@ -478,7 +482,7 @@ static void equal_places_of_cubes_far_apart_are_different_bricks(void **state)
     }
 }
 
-/* Every kernel writes these points' answers of a bit into bytes that two runs share. */
+/* Every kernel writes these points' one-bit answers into bytes that two runs share. */
 static void check_shared_bytes(const struct umb__query *q)
 {
     const size_t bytes = POINTS / 8 + 1;
@@ -503,8 +507,8 @@ static void check_shared_bytes(const struct umb__query *q)
 static const struct umb_query_settings one_bit = {
     .taps = 1, .bias_mode = UMB_BIAS_NONE, .format = UMB_ANSWER_BIT};
 
-/* Blocks that are answered at once stand among scattered ones, which are answered late: the byte
- * that two of them share is written in the order of points. */
+/* Blocks that are answered at once stand between scattered blocks, which are answered later. A byte
+ * that two blocks share must still be written in the order of the points. */
 static void answers_of_a_bit_may_begin_within_a_byte(void **state)
 {
     (void)state;
@@ -527,7 +531,7 @@ static void answers_of_a_bit_may_begin_within_a_byte(void **state)
 }
 
 /* Blocks scattered over the frustum stand among blocks scattered over one small cube, whose points
- * have a node in common that a shorter way down might begin at. */
+ * have a common node, at which a shorter descent might begin. */
 static void bits_of_blocks_in_one_cube_are_in_the_order_of_points(void **state)
 {
     (void)state;

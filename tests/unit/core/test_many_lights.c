@@ -58,7 +58,7 @@ static void one_call_gives_the_bits_of_one_run_for_each_light(void **state)
         struct umb_answers one = {.values = alone};
         umb_query_run(&queries[k], &points, 0, POINTS, &one);
         assert_memory_equal(alone, together[k], sizeof alone);
-        /* What is read depends on which neighbours a run has; what is answered does not. */
+        /* The number of reads depends on a point's neighbours in a run; the answers do not. */
         assert_memory_equal(&one.stats, &stats[k], offsetof(struct umb_query_stats, nodes));
         assert_true(stats[k].nodes > 0 && stats[k].bricks > 0);
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where wide nodes lie in a mapped file, and what may stand between them (format/view.h). */
+/* The places of wide nodes in a mapped file, and what may stand between them (format/view.h). */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -29,7 +29,8 @@ static struct bytes sloped_file(void)
     return make_packed(&voxels, 0.5, origin);
 }
 
-/* Walks the wide nodes of a view: the words of the next node at or behind *word, 0 at the end. */
+/* Walks the wide nodes of a view: returns the words of the next node at or behind *word, 0 at the
+ * end. */
 static uint64_t next_node(const struct umb__view *view, uint64_t *word)
 {
     while (*word < view->node_words && view->nodes[*word] == 0 && view->nodes[*word + 1] == 0) {
@@ -73,7 +74,7 @@ static void seal(struct bytes *file)
     umb__store64(file->data + UMB__HEAD_CHECK, XXH3_64bits(both, sizeof both));
 }
 
-/* Opens a mapped file of which one number of a section is another, its checks made again. */
+/* Opens a mapped file in which one number of a section was changed and the checksums are right. */
 static enum umb_status open_with_number(struct bytes *mapped, size_t section, uint64_t at,
                                         uint32_t value)
 {
@@ -120,7 +121,8 @@ static void gaps_between_wide_nodes_are_pairs_of_zero_words(void **state)
     bytes_finish(&mapped);
 }
 
-/* Readers take packed files that are not canonical; so must the cache that is made of one. */
+/* Readers accept packed files that are not canonical; the mapped file made from one must be
+ * accepted, too. */
 static void a_shadowed_node_has_a_mapped_form(void **state)
 {
     const struct voxels voxels = {sloped, NULL, 7, 1};
@@ -149,7 +151,7 @@ static void a_shadowed_node_has_a_mapped_form(void **state)
     bytes_finish(&mapped);
 }
 
-/* A cache that passed a check once must not be trusted in another layout. */
+/* A mapped file that passed a check once must not be trusted with another layout. */
 static void a_mapped_file_of_another_version_is_refused_even_if_trusted(void **state)
 {
     const struct umb_open_options trusting = {.trust = UMB_TRUST_VALIDATED};

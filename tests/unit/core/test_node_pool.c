@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pool under a budget: most of it can be used, none beyond it, and a refusal changes nothing.
- */
+/* The pool under a budget: most of the budget can be used, none is exceeded, and a refusal changes
+ * nothing. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -11,7 +11,7 @@
 #include "base/page_alloc.h"
 #include "format/node_pool_parts.h"
 
-/* Arrays that are copied when they grow, and such whose pages move. */
+/* Two allocators: one copies arrays when they grow, one moves their pages. */
 static const struct umb_alloc *const allocs[] = {NULL, &umb__page_alloc};
 
 /* The n-th of many different bricks. */
@@ -22,7 +22,7 @@ static void brick_of(uint32_t n, uint64_t slices[8])
     slices[7] = n;
 }
 
-/* Adds bricks until the budget ends; returns how many. */
+/* Adds bricks until the budget is used up; returns their number. */
 static uint32_t fill_with_bricks(struct umb__pool *pool, struct umb_error *error)
 {
     uint64_t slices[8];
@@ -120,7 +120,7 @@ static void fill_with_nodes(struct umb__pool *pool, uint32_t seed)
     }
 }
 
-/* 1 if two nodes of two pools are the same all the way down. */
+/* Returns 1 if two nodes of two pools are equal, down to the bricks. */
 static int same_node(const struct umb__pool *a, const struct umb__pool *b, uint32_t level,
                      uint32_t i, uint32_t k)
 {
@@ -253,7 +253,7 @@ static void a_loose_pool_adds_every_node_and_its_merge_adds_it_once(void **state
     umb__pool_finish(&pool);
 }
 
-/* As a square's pool that had more than its share, or no memory, is taken for another square. */
+/* A pool that had more than its share, or ran out of memory, is used again for another square. */
 static void a_loose_pool_that_was_refused_memory_is_sound(void **state)
 {
     (void)state;
@@ -298,8 +298,9 @@ static void a_merge_ends_at_the_budget(void **state)
     umb__pool_finish(&part);
 }
 
-/* Sums of products whose keys were known could be made equal at will; and where a word plus its key
- * were 0, the other of its pair would not matter. The writer of a file knows no key. */
+/* With known keys, an attacker could choose bricks whose sums of products are equal. If a word plus
+ * its key were 0, the other word of the pair would not matter. The writer of a file does not know
+ * the keys. */
 static void bricks_and_nodes_that_differ_in_a_word_have_many_tags(void **state)
 {
     (void)state;
@@ -328,7 +329,7 @@ static void bricks_and_nodes_that_differ_in_a_word_have_many_tags(void **state)
     umb__pool_finish(&pool);
 }
 
-/* A loose pool hands its tags on: they must be those that the other would compute. */
+/* A loose pool passes its tags on: they must be those that the other pool would compute. */
 static void a_loose_pool_keeps_the_tags_of_its_bricks(void **state)
 {
     (void)state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* First occluders kept beside a closed DAG: exact for every texel, and safe when damaged. */
+/* First occluders stored beside a closed DAG: they must be exact for every texel, and safe when
+ * damaged. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -193,7 +194,8 @@ static void fronts_that_are_too_large_are_refused_with_a_way_out(void **state)
     assert_non_null(strstr(error.message, "front=off"));
     umb__occluder_depth_finish(&occluder_depth);
     map_finish(&map);
-    /* Words of squares fit; with those that lead to them, for each level down, they do not. */
+    /* The words of the squares alone fit the limit; with the references to them, for each level,
+     * they do not. */
     map = make_city(10, 2);
     assert_int_equal(umb__occluder_depth_init(&occluder_depth, NULL, 10, 1U << 26, NULL), UMB_OK);
     add_square(&map, 5, 5, &occluder_depth);
@@ -213,7 +215,8 @@ static void fronts_that_are_too_large_are_refused_with_a_way_out(void **state)
     map_finish(&map);
 }
 
-/* Damaged words are refused, or lead nowhere else and to depths of the frustum. */
+/* Damaged words must be refused, or still give depths inside the frustum without reading anything
+ * else. */
 static void damaged_words_do_no_harm(void **state)
 {
     (void)state;
@@ -268,7 +271,8 @@ static void damaged_words_do_no_harm(void **state)
 
 /* --- in an asset ---------------------------------------------------------------------------- */
 
-/* A column of a closed bake turns somewhere between lit and end; here by hashes of 4x4 texels. */
+/* In a closed bake a column changes anywhere between lit and end; here hashes of 4x4 texels say
+ * where. */
 static int stored_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     (void)frustum;

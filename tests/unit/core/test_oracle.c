@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The oracle's reader against the real writer: files of random voxels, packed and mapped, compared
- * at every voxel with the array they were made from; and files that lie, which the oracle must
- * refuse.
+ * Tests the oracle's reader with the real writer: files of random voxels, packed and mapped,
+ * compared at every voxel with the array they were made from; and wrong files, which the oracle
+ * must refuse.
  *
- * The harness packs with a stand-in for SHA-256. reseal() puts the real page hashes and the real id
- * in their place, by docs/reference/umb-format.md section 4, as the oracle checks them.
+ * The harness packs with a substitute for SHA-256. reseal() replaces its hashes by the real page
+ * hashes and the real id, by docs/reference/umb-format.md section 4, as the oracle checks them.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -57,7 +57,7 @@ static int grid_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y, 
     return grid->lit[voxel_index(grid, frustum, at)];
 }
 
-/* Random slices; with runs of equal ones half of the time. */
+/* Draws random slices; half of the bricks have runs of equal slices. */
 static void random_brick(struct grid *grid, uint64_t slices[8])
 {
     int runs = (next_random(&grid->random) >> 40) & 1;
@@ -82,7 +82,7 @@ static void fill_brick(struct grid *grid, uint32_t frustum, const uint32_t at[3]
     }
 }
 
-/* A cube of 2^level voxels: uniform, or its eight children. The whole is split always. */
+/* Draws a cube of 2^level voxels: uniform, or eight children. The whole frustum is always split. */
 static void fill_cube(struct grid *grid, uint32_t frustum, uint32_t level, const uint32_t at[3])
 {
     uint64_t choice = next_random(&grid->random) >> 40;
@@ -139,7 +139,7 @@ static void sha256(const void *bytes, size_t size, uint8_t out[32])
     assert_int_equal(EVP_Digest(bytes, size, out, NULL, EVP_sha256(), NULL), 1);
 }
 
-/* Makes the check match the head again. */
+/* Makes the head's checksum right again. */
 static void reseal_check(struct bytes *file)
 {
     uint8_t both[16];
@@ -164,7 +164,7 @@ static uint8_t *block_of(const struct bytes *file, uint32_t block)
                                           end_before(file, 1));
 }
 
-/* The real hash of a page, in its entry. */
+/* Writes the real hash of a page into its entry. */
 static void reseal_page(const struct bytes *file, uint8_t *entry)
 {
     size_t stored = (size_t)number_at(entry + 8, 4), size = (size_t)number_at(entry + 12, 4);
@@ -175,7 +175,8 @@ static void reseal_page(const struct bytes *file, uint8_t *entry)
     free(page);
 }
 
-/* The real hashes of all pages and blocks, the real id, and the checks that cover them. */
+/* Writes the real hashes of all pages and blocks, the real id, and the checksums that cover
+ * them. */
 static void reseal(struct bytes *file)
 {
     size_t block = (size_t)number_at(file->data + 32, 8);
@@ -328,7 +329,7 @@ static void voxels_outside_the_frustum_have_no_answer(void **state)
     free(grid.lit);
 }
 
-/* Opens bytes that must be refused, with a reason that holds `reason`. */
+/* Opens bytes that must be refused; the message must contain `reason`. */
 static void assert_refused(const uint8_t *bytes, size_t size, const char *reason)
 {
     struct oracle oracle;
@@ -351,7 +352,7 @@ static struct bytes small_file(void)
     return packed;
 }
 
-/* Puts a block's check right, and with it the head's. */
+/* Makes a block's checksum right, and then the head's. */
 static void reseal_block_check(struct bytes *file)
 {
     uint8_t *stated = file->data + BLOCK_AT + number_at(file->data + 32, 8);
@@ -393,7 +394,7 @@ static void reader_refuses_id_that_is_not_the_contents(void **state)
     bytes_finish(&file);
 }
 
-/* The writer's digest is a stand-in: a file that was not resealed must not pass as SHA-256. */
+/* The writer's digest is a substitute, so a file that was not resealed must be refused. */
 static void reader_refuses_hashes_of_another_kind(void **state)
 {
     (void)state;

@@ -154,7 +154,7 @@ static void nearest_back_face_ends_overlapping_solids(void **state)
     assert_texel(texel_of(&fixture, identity, 1, 20, 31), 10, 26);
 }
 
-/* A sheet that stands in front of a solid makes everything behind it shadow. */
+/* A sheet before a solid makes everything behind it shadowed. */
 static void open_sheet_before_a_solid_closes_nothing(void **state)
 {
     (void)state;
@@ -171,7 +171,8 @@ static void open_sheet_before_a_solid_closes_nothing(void **state)
     }
     assert_true(oracle_scene_find_closed(&fixture.scene));
     assert_texel(texel_of(&fixture, identity, 1, 20, 31), 5, 5);
-    /* In the voxel index of the solid's front, the solid's interior is undefined all the same. */
+    /* If the sheet is in the voxel index of the solid's front, the solid's interior is undefined
+     * all the same. */
     for (uint32_t k = 0; k < 3; k++) {
         fixture.vertices[first + k][2] = 9.8;
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The writers: what decides their bytes, what they refuse, and what they leave behind. */
+/* The writers: what their bytes depend on, what they refuse, and what is left after a failure. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -45,7 +45,8 @@ static void *block_of(size_t count, size_t size)
     return block;
 }
 
-/* Node i of the level gets number to[i]; its children are numbered below[...]. */
+/* Renumbers a level: node i gets the number to[i], and its children's numbers are mapped by
+ * below[...]. */
 static void renumber_level(struct umb__octree_level *level, const uint32_t *to,
                            const uint32_t *below)
 {
@@ -150,8 +151,8 @@ static int mixed_up(const void *user, uint32_t frustum, uint32_t x, uint32_t y, 
     return (int)(next_random(&seed) >> 40 & 1);
 }
 
-/* Nodes of all pages of a file, copies included. Returns how many pages have bricks and refer to
- * others. */
+/* Counts the nodes of all pages of a file, copies included. Returns how many pages have bricks and
+ * refer to other pages. */
 static uint32_t count_nodes(const struct bytes *file, uint64_t found[UMB_LEVEL_MAX + 1])
 {
     struct umb__head head;
@@ -178,7 +179,7 @@ static uint32_t count_nodes(const struct bytes *file, uint64_t found[UMB_LEVEL_M
     return referring;
 }
 
-/* Opens a file; what is exported must have as many nodes as it counts. */
+/* Opens a file; the exported octree must have as many nodes as the file states. */
 static void expect_counts(const struct bytes *file, uint64_t counts[UMB_LEVEL_MAX + 1])
 {
     struct umb_asset *asset;
@@ -291,7 +292,8 @@ static void an_edit_changes_only_pages_on_the_way_to_the_root(void **state)
     bytes_finish(&file);
 }
 
-/* Packs what `spoil` has changed and expects a refusal that names `words`. */
+/* Packs content that `spoil` has changed; it must be refused with a message that contains
+ * `words`. */
 static void expect_refused(void (*spoil)(struct umb__content *, struct umb__octree *),
                            const char *words)
 {
@@ -542,7 +544,7 @@ static void *failing_resize(void *user, void *block, size_t bytes)
     return result;
 }
 
-/* Everything that is made of an open asset, with its allocator. */
+/* Does everything that can be done with an open asset, with the asset's allocator. */
 static enum umb_status write_both(const struct umb_asset *asset, struct bytes *packed,
                                   struct bytes *mapped)
 {
@@ -641,7 +643,7 @@ static void a_sink_that_fails_stops_the_writers_with_its_status(void **state)
     bytes_finish(&file);
 }
 
-/* A hasher that runs out of memory at the n-th digest, and says so as umb_sha256 asks. */
+/* A hasher that runs out of memory at the n-th digest, and reports that as umb_sha256 requires. */
 static void failing_digest(void *user, const void *const *parts, const size_t *sizes,
                            size_t part_count, uint8_t out[UMB_ID_BYTES])
 {

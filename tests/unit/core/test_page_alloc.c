@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blocks that grow by moving their pages: what they hold stays, and what is refused changes
+/* Blocks that grow by moving their pages: their content must stay, and a refusal must change
  * nothing. */
 #define _GNU_SOURCE /* mremap */
 #include <errno.h>
@@ -24,8 +24,8 @@ static int memory_is_short;
 static unsigned char *stranger; /* what another thread has mapped meanwhile */
 static size_t stranger_bytes;
 
-/* The system's, called before libc's: where memory is short it fails as kernels do, after it has
- * unmapped what was to be replaced; and then a thread comes that is given that very place. */
+/* Replaces libc's mremap. When told that memory is short it fails as kernels do, after it has
+ * unmapped the range to be replaced, and then maps that range again as another thread might. */
 void *mremap(void *old, size_t old_bytes, size_t bytes, int flags, ...)
 {
     va_list rest;
@@ -71,7 +71,7 @@ static uint64_t word_of(uint64_t block, size_t i)
     return (block + 1) * 0x9e3779b97f4a7c15U ^ i;
 }
 
-/* Blocks that stand in each other's way, from a few bytes to several mappings and back. */
+/* Grows blocks that stand in each other's way, from a few bytes to several mappings and back. */
 static void blocks_keep_what_they_hold_while_they_grow_and_shrink(void **state)
 {
     (void)state;

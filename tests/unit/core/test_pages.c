@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pages written by hand from docs/reference/umb-format.md, what is refused of them, and the numbers
- * and lists that they are made of. */
+/* Pages written by hand from docs/reference/umb-format.md, pages that must be refused, and the
+ * encodings of numbers and lists. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Partial assets: what they answer from some of the pages, what they ask for, what they keep to. */
+/* Partial assets: their answers from some of the pages, the pages that they want, and their memory
+ * budget. */
 #include "partial_fixture.h"
 
 static const struct umb_query_settings ways[] = {
@@ -79,7 +80,7 @@ static void the_truth_lies_within_the_bounds_while_pages_arrive(void **state)
     partial_fixture_close(&f);
 }
 
-/* Fetches what a view wants, round by round. Returns the rounds. */
+/* Fetches the pages that a view wants, round by round. Returns the number of rounds. */
 static unsigned fetch(struct partial_fixture *f, const struct umb_partial_view *view)
 {
     struct umb_error error = {0};
@@ -322,7 +323,8 @@ static void a_saved_file_answers_as_before(void **state)
         fail_msg("%s", error.message);
     }
     assert_int_equal(partial_compare(&f, &ways[0], 20000, 0), exact);
-    /* Tools for whole files say what it is; every prefix is refused. */
+    /* Functions for whole files must say that this is a partial file; every prefix must be
+     * refused. */
     assert_int_equal(umb_asset_open_bytes(saved.data, saved.size, NULL, &asset, &error),
                      UMB_E_UNSUPPORTED);
     for (size_t size = 0; size < saved.size; size += 1 + saved.size / 997) {

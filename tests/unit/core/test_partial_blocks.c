@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A directory of several blocks: fetched as pages of theirs matter, proven one by one. */
+/* A directory of several blocks: each is fetched when pages of it matter, and verified by
+ * itself. */
 #include "partial_fixture.h"
 #include "seal_asset.h"
 
@@ -136,7 +137,7 @@ static void spoilt_repeated_and_unknown_blocks_are_refused_by_number(void **stat
     expect_block(1, UMB_OK, "");
 }
 
-/* A server may say anything about lengths and checksums, but not change a hash. */
+/* A server may send any lengths and checksums, but cannot change a hash. */
 static void a_block_with_right_checks_and_wrong_hashes_is_refused(void **state)
 {
     (void)state;

@@ -130,7 +130,7 @@ static void a_node_that_a_million_nodes_claim_comes_and_goes(void **state)
     partial_build(&f);
     expect_answers_of_the_oracle(f.partial);
     assert_int_equal(umb_partial_want(f.partial, &view, 0, NULL), UMB_OK);
-    assert_true(f.partial->want_steps <= 1024 + 65 * f.partial->node_count);
+    assert_true(f.partial->want_steps <= 1024 + 17 * f.partial->node_count);
     uint32_t list[2];
     assert_int_equal(umb_partial_missing(f.partial, list, 2, 0), 1);
     assert_int_equal(list[0], claimed);

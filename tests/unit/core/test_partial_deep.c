@@ -29,8 +29,8 @@ static const struct umb_partial_view views[] = {
      .max_error_rad = 1e-5},
 };
 
-/* Wants a view, and adds what is missing, until nothing is. Returns true if a walk met its bound.
- */
+/* Wants a view, and adds missing pages, until none is missing. Returns true if a walk met its
+ * bound. */
 static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_partial_view *view)
 {
     struct umb_error error = {0};
@@ -41,13 +41,13 @@ static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_p
         if (umb_partial_want(f->partial, view, 0, &error) != UMB_OK) {
             fail_msg("want: %s", error.message);
         }
-        const uint64_t nodes = f->partial->node_count, most = 1024 + 65 * nodes;
+        const uint64_t nodes = f->partial->node_count, most = 1024 + 17 * nodes;
         if (f->partial->want_steps > most) {
             fail_msg("%llu steps of %llu nodes, at most %llu",
                      (unsigned long long)f->partial->want_steps, (unsigned long long)nodes,
                      (unsigned long long)most);
         }
-        met = met || f->partial->want_steps > 1024 + 64 * nodes;
+        met = met || f->partial->want_steps > 1024 + 16 * nodes;
         const size_t count = umb_partial_missing(f->partial, list, 256, 0);
         for (size_t i = 0; i < count; i++) {
             partial_add(f, list[i]);
@@ -58,7 +58,8 @@ static bool fetch_in_bounded_steps(struct partial_fixture *f, const struct umb_p
     }
 }
 
-/* Points of the view's box are answered exactly: a bound leaves no page of theirs out. */
+/* Points of the view's box must be answered exactly: the bound must not leave out a page that they
+ * need. */
 static void expect_exact(struct partial_fixture *f, const struct umb_box *box)
 {
     enum {
@@ -98,8 +99,8 @@ static bool try_deep(const struct deep *deep, bool with_pages)
     return met;
 }
 
-/* One node a level, all of whose children are the same: each level more takes eight times as long
- * to walk cube by cube. */
+/* One node a level, whose children are all the same node: each further level multiplies the cubes
+ * of a walk by eight. */
 static void a_chain_of_eight_equal_children_is_walked_in_bounded_steps(void **state)
 {
     (void)state;
@@ -124,7 +125,8 @@ static void diamonds_are_walked_in_bounded_steps_and_miss_nothing(void **state)
     assert_true(met > 0);
 }
 
-/* What a scene's assets take stays far below the bound, so that views of them are cut sharply. */
+/* Walks through assets of real scenes stay far below the bound, so that their pages are chosen
+ * exactly. */
 static void a_view_of_a_tree_that_is_one_meets_no_bound(void **state)
 {
     (void)state;

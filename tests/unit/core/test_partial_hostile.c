@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pages from a hostile server: refused with the page named, and what was there stays good. */
+/* Pages from a hostile server must be refused with the page named, and the held pages must stay
+ * valid. */
 #include "partial_fixture.h"
 #include "format/directory.h"
 #include "seal_asset.h"
@@ -96,8 +97,8 @@ static size_t entry_offset(const struct umb__head *head, uint32_t page)
            (size_t)(page % UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
 }
 
-/* A link into a page whose block is not here yet is held against these counts alone: a position of
- * 2^32 - 1 would make "one more is needed" none. */
+/* A link into a page whose block is not held yet is checked against these counts only. With a
+ * position of 2^32 - 1 the number of nodes needed, one more, would overflow to 0. */
 static void a_head_that_counts_more_nodes_than_have_numbers_is_refused(void **state)
 {
     (void)state;
@@ -118,8 +119,8 @@ static void a_head_that_counts_more_nodes_than_have_numbers_is_refused(void **st
     partial_fixture_close(&f);
 }
 
-/* Puts other bytes in a page's place; whatever follows moves. All checks are made right, with_hash:
- * the page's hash too, and with it those of the block and the asset's id. */
+/* Replaces a page by other bytes; everything behind it moves. Makes all checksums right. In:
+ * with_hash: true: also the page's hash, and with it the hash of the block and the asset's id. */
 static void replace_page(struct bytes *file, uint32_t number, const uint8_t *raw, size_t raw_length,
                          bool with_hash)
 {
@@ -158,7 +159,7 @@ static void replace_page(struct bytes *file, uint32_t number, const uint8_t *raw
     seal_asset(file, with_hash);
 }
 
-/* Turns lit and shadowed around for one uniform child in the page; false if it has none. */
+/* Exchanges lit and shadowed for one uniform child in the page; false if there is none. */
 static bool turn_child(const struct umb__page *page)
 {
     for (uint32_t level = UMB_LEVEL_MAX; level > UMB_LEVEL_BRICK; level--) {
@@ -176,7 +177,7 @@ static bool turn_child(const struct umb__page *page)
     return false;
 }
 
-/* The directory's XXH3 is the server's word. What binds a page to the id is its SHA-256 alone. */
+/* The server can choose the directory's XXH3. Only its SHA-256 ties a page to the id. */
 static void a_page_with_right_checks_and_a_wrong_hash_is_refused(void **state)
 {
     (void)state;
@@ -218,8 +219,8 @@ static void a_page_with_right_checks_and_a_wrong_hash_is_refused(void **state)
     partial_fixture_close(&f);
 }
 
-/* Rewrites the page that has links to others so that one of them is wrong, with all checks right.
- * Returns its number. */
+/* Rewrites the page that has links to others so that one link is wrong and all checksums are right.
+ * Returns the page's number. */
 static uint32_t spoil_link(struct bytes *file, uint32_t *target)
 {
     struct umb__head head;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Partial assets of a spot light, whose cubes grow with their distance: what bounds say of them. */
+/* Partial assets of a spot light, whose cubes grow with the distance from the light: the bounds of
+ * their answers. */
 #include "partial_fixture.h"
 #include "spot_asset.h"
 

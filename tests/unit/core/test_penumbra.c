@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Penumbras against a search that marches every column voxel by voxel, and against a disc's edge.
- */
+/* Penumbras, compared with a search that marches every column voxel by voxel, and with a disc's
+ * edge. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -59,8 +59,8 @@ static int column_voxel(const void *user, uint32_t frustum, uint32_t x, uint32_t
     return z < columns->depth(x, y) + (columns->depth(x, y) < SIZE ? columns->undefined : 0);
 }
 
-/* The occluder depth map of columns behind which something is undefined. Returns its words, to be
- * freed. */
+/* Makes the occluder depth map of columns that have undefined voxels behind their first occluder.
+ * Returns its words, which the caller frees. */
 static uint32_t *occluder_depth_of(const struct columns *columns, uint64_t *count)
 {
     struct umb__occluder_depth occluder_depth;
@@ -132,7 +132,7 @@ static double length3(const double v[3])
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-/* First shadowed voxel of a column, one voxel after the other. */
+/* Finds the first shadowed voxel of a column, one voxel after the other. */
 static int64_t march(const struct scene *s, int64_t x, int64_t y)
 {
     int64_t z = 0;
@@ -143,7 +143,8 @@ static int64_t march(const struct scene *s, int64_t x, int64_t y)
     return z;
 }
 
-/* The documented search: depth between a receiver and what blocks it; 0 if nothing does. */
+/* The search as documented: returns the depth between a receiver and its blockers; 0 if nothing
+ * blocks. */
 static double plain_gap(const struct scene *s, const double v[3], const double reach[2])
 {
     double gaps = 0, cover = 0;
@@ -169,7 +170,8 @@ static double plain_gap(const struct scene *s, const double v[3], const double r
     return cover > 0 ? gaps / cover : 0;
 }
 
-/* The box: each texel by the part that a box around the receiver's texel covers. */
+/* The box as documented: each texel counts by the part of it that a box around the receiver's texel
+ * covers. */
 static double plain_share(const struct scene *s, const double v[3], int64_t z, double width,
                           double height)
 {
@@ -190,7 +192,7 @@ static double plain_share(const struct scene *s, const double v[3], int64_t z, d
     return lit / all;
 }
 
-/* What the header and kernel promise for points that are not moved: no lift either. */
+/* What the header promises for points that are not moved; there is no lift, either. */
 static double plain_penumbra(const struct scene *s, const double v[3], double extent, uint32_t taps)
 {
     double reach[2], width[2];
@@ -270,8 +272,9 @@ static void penumbras_are_those_of_a_march_through_every_voxel(void **state)
     assert_true(half > POINTS / 10);
 }
 
-/* Behind all that is undefined, a closed asset answers as the open one: its occluder depth map
- * says where the occluders are, and its columns alone would put them three voxels deeper. */
+/* A closed asset must answer as the open one, although voxels behind its occluders are undefined.
+ * Its occluder depth map has the occluders; its columns alone would have them three voxels
+ * deeper. */
 static void the_front_of_a_closed_asset_gives_the_penumbras_of_the_open_one(void **state)
 {
     struct scene open, closed;
@@ -291,7 +294,7 @@ static void the_front_of_a_closed_asset_gives_the_penumbras_of_the_open_one(void
     scene_close(&closed);
 }
 
-/* Share of a disc of radius 1 on one side of a line at -1..1. */
+/* Returns the share of a disc of radius 1 on one side of a line at -1..1. */
 static double disc_share(double at)
 {
     at = fmax(-1, fmin(1, at));
@@ -366,8 +369,8 @@ static void a_slope_in_a_penumbra_does_not_shadow_itself(void **state)
     scene_close(&s);
 }
 
-/* At the very centre of its column's first shadowed voxel a receiver has no gap to its blocker, and
- * answers as it does close by. */
+/* A receiver at the very centre of its column's first shadowed voxel has no gap to its blocker. Its
+ * answer must be that of a receiver close by. */
 static void a_receiver_at_the_centre_of_its_blocker_is_in_no_wide_penumbra(void **state)
 {
     struct scene s;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Queries of point lights: six faces whose voxels say exactly what a plane shadows. What must hold
- * is told in space, so that the division into faces shows as soon as it matters.
+ * Queries of point lights: six faces whose voxels say exactly what a plane shadows. Expected
+ * answers are computed in world space, so that an error at a border between faces shows.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -113,8 +113,9 @@ static void a_plane_never_shadows_itself_across_faces(void **state)
     }
 }
 
-/* Farther from the plane than a voxel's diagonal, one tap knows which side a point is on; where the
- * window lies on one side as a whole, so do all of them, whichever faces it touches. */
+/* If a point is farther from the plane than a voxel's diagonal, one tap must give its side. If the
+ * whole window lies on one side, all taps must give that side, whichever faces the window
+ * touches. */
 static void sides_of_a_plane_are_told_apart_in_every_face(void **state)
 {
     (void)state;
@@ -203,7 +204,7 @@ static double weight_of(enum umb_filter filter, int32_t distance, int32_t taps)
                                      : exp(-distance * distance / (2 * sigma * sigma));
 }
 
-/* The explanation draws the texels of the box around the same place. */
+/* The explanation must show the texels of the box around the same place. */
 static double weigh_rows(const struct umb_explanation *e, enum umb_filter filter)
 {
     const int32_t taps = (int32_t)e->taps;
@@ -289,7 +290,8 @@ static void wild_points_do_no_harm(void **state)
     umb_asset_close(asset);
 }
 
-/* Whatever matrix a file may hold and still be opened, queries stay inside and answer. */
+/* Queries must stay inside the asset and answer, for every matrix with which a file can be
+ * opened. */
 static void hostile_matrices_are_refused_or_harmless(void **state)
 {
     (void)state;

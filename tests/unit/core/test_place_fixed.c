@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Placing in fixed point (kernel_place_avx512.h) against placing in doubles: points that lie within
- * some 2^-32 of a voxel of a border, points far away, numbers that are none. Voxels are random
- * bits, so that a point put into another one is noticed every other time; frames are turned, so
- * that every sum is rounded.
+ * Compares placing in fixed point (kernel_place_avx512.h) with placing in doubles: points within
+ * about 2^-32 voxels of a border, points far away, and NaNs. Voxels are random bits, so a point in
+ * a wrong voxel is noticed with a probability of one half. Frames are turned, so that every sum is
+ * rounded.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -99,7 +99,7 @@ static void turn(struct turned *t, double apart, uint64_t *seed)
     t->q->no_normal_m = next_random(seed) % 2 ? random_unit(seed) : 0;
 }
 
-/* The point that a place in voxel space comes from, to a rounding or two. */
+/* Computes the point for a place in voxel space, up to a rounding or two. */
 static void unturn(const struct turned *t, const struct umb_points *points, const double v[3],
                    double p[3])
 {
@@ -115,7 +115,7 @@ static void unturn(const struct turned *t, const struct umb_points *points, cons
     }
 }
 
-/* Answers and counts are those of the plain kernel. */
+/* Answers and counts must be those of the plain kernel. */
 static void check_batch(const struct turned *t, const struct umb_points *points)
 {
     static float values[2][BATCH];
@@ -135,7 +135,8 @@ static double near_border(uint64_t *seed)
     return next_random(seed) % 3 == 0 ? rint(inside) + off : inside;
 }
 
-/* Among points inside, some as far as numbers go: their sums cancel, overflow or are none. */
+/* Points inside, and among them some with extreme coordinates, whose sums cancel, overflow or are
+ * NaN. */
 static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **state)
 {
     static const double far[] = {1e6,  -1e6,  1e9, -1e9,     1e16,      -1e16,
@@ -175,9 +176,9 @@ static void points_far_away_and_no_numbers_are_answered_as_by_doubles(void **sta
     turned_finish(&t);
 }
 
-/* A normal of any direction, some across the light or next to it. `odd`: a few of lengths at the
- * limits, of none or of no number; a block with one of those is placed in doubles, so that they are
- * few enough to be the only one in it. */
+/* Draws a normal of any direction; some are across the light or nearly so. In: odd: a few normals
+ * have lengths at the limits, length 0 or NaN. A block with one of those is placed in doubles, so
+ * they are rare: a block has mostly one at most. */
 static void make_normal(const struct turned *t, int odd, uint64_t *seed, float normal[3])
 {
     static const double lengths[] = {1, 1, 0.51, 1.99, 0.4999999, 0.5000001, 1.999999, 2.000001};
@@ -203,7 +204,7 @@ static void make_normal(const struct turned *t, int odd, uint64_t *seed, float n
     }
 }
 
-/* Moves p so that the bias ends where p was, to a rounding or two. In: v: p in voxel space. */
+/* Moves p so that the bias ends at the old p, up to a rounding or two. In: v: p in voxel space. */
 static void unmove(const struct turned *t, const float normal[3], const double v[3], double p[3])
 {
     const struct umb__query *q = t->q;
@@ -232,7 +233,7 @@ static double within_floats_of_border(uint64_t *seed)
     return rint(random_unit(seed) * SIZE) + off;
 }
 
-/* With normals, a coordinate in some is next to a border, as floats tell. */
+/* With normals: some points have a coordinate next to a border, as near as floats can be. */
 static void beside_borders(uint64_t *seed, int sides, int with_normals, double v[3])
 {
     (void)sides;
@@ -244,7 +245,8 @@ static void beside_borders(uint64_t *seed, int sides, int with_normals, double v
 }
 
 /* A place in or beside a brick of random bits, which is at the frustum's sides only if `sides` says
- * so; a coordinate in some is next to a border, as near as doubles tell, or with normals floats. */
+ * so; some points have a coordinate next to a border, as near as doubles can be, or with normals as
+ * floats can be. */
 static void near_random_brick(uint64_t *seed, int sides, int with_normals, double v[3])
 {
     uint32_t brick[3];
@@ -263,8 +265,8 @@ static void near_random_brick(uint64_t *seed, int sides, int with_normals, doubl
     }
 }
 
-/* Batches of points, with normals and without, whose places in voxel space `place` chooses. Of
- * windows, some blocks look away from the light in part. */
+/* Batches of points, with normals and without, whose places in voxel space `place` chooses. With
+ * windows, some points of some blocks face away from the light. */
 static void check_batches(uint32_t taps, int count,
                           void (*place)(uint64_t *seed, int sides, int with_normals, double v[3]),
                           uint64_t *seed)
@@ -330,8 +332,8 @@ static void windows_begin_at_the_texels_of_doubles(void **state)
     }
 }
 
-/* A frame that a file may state, though no bake does: all axes look the same way. What points are
- * across it takes no part in a sum but by its roundings. */
+/* A frame that a file may have, though no bake makes it: all axes have the same direction.
+ * Coordinates across that direction change a sum only by rounding. */
 static void points_far_across_a_flat_frame_are_answered_as_by_doubles(void **state)
 {
     static double places[BATCH][3];

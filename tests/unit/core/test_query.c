@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Queries against the plainest possible counting, and against each other. */
+/* Queries, compared with the plainest possible counting and with each other. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -97,7 +97,7 @@ static void run(const struct fixture *f, const struct umb_query_settings *settin
     }
 }
 
-/* One texel by the header's words. */
+/* Computes one texel as the header defines it. */
 static int plain_texel(int64_t x, int64_t y, double z)
 {
     if (x < 0 || x >= SIZE || y < 0 || y >= SIZE || z < 0) {
@@ -167,7 +167,8 @@ static void any_split_of_a_batch_gives_the_same_answers(void **state)
             umb_query_run(&query, &points, i, left, &part);
         }
         assert_memory_equal(whole, parts, sizeof whole);
-        /* What is read depends on the split, and stands behind the rest. */
+        /* The number of reads depends on how a batch is split; these members come after the
+         * others. */
         assert_memory_equal(&answers.stats, &part.stats, offsetof(struct umb_query_stats, nodes));
     }
 }
@@ -224,7 +225,8 @@ static void bits_behind_the_last_answer_are_zero(void **state)
     for (size_t count = 1; count < 40; count++) {
         size_t bytes = umb_answer_bytes(UMB_ANSWER_BIT, count);
         struct umb_answers answers = {.values = whole}, part = {.values = parts};
-        /* What stood in the memory before must not show: it might be another caller's. */
+        /* Bits that were in the output before must not appear in answers: they might be another
+         * caller's. */
         memset(whole, 0xff, sizeof whole);
         memset(parts, 0xff, sizeof parts);
         umb_query_run(&query, &points, 0, count, &answers);
@@ -278,7 +280,7 @@ static void receivers_facing_away_are_shadowed_by_their_normal(void **state)
     assert_int_equal(stats.facing_away, 2);
 }
 
-/* Lit in front of the plane a x + b y + z = c, sampled at voxel centres as a bake does. */
+/* Lit before the plane a x + b y + z = c, sampled at voxel centres as in a bake. */
 struct plane {
     double a, b, c;
 };
@@ -372,7 +374,7 @@ static void one_bad_number_is_found_wherever_it_lies(void **state)
     static const double bads[] = {NAN, -NAN, INFINITY, -INFINITY};
     (void)state;
     for (int wide = 0; wide < 2; wide++) {
-        /* Exact-size blocks, one byte off, with the largest finite numbers around. */
+        /* Blocks of exact size, at an odd address, surrounded by the largest finite numbers. */
         size_t word = wide ? sizeof(double) : sizeof(float);
         uint8_t *bytes = malloc(3 * COUNT * word + 1);
         assert_non_null(bytes);

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Which voxel a point falls into, against long doubles. Voxels are random bits, so that a point put
- * into another one is noticed every other time.
+ * The voxel into which a point falls, compared with long doubles. Voxels are random bits, so a
+ * point in a wrong voxel is noticed with a probability of one half.
  *
  * A place has at most four roundings of doubles: origin less origin, plus the coordinate, times
  * voxels a metre, plus zeros. Relative to an origin near the asset's each is below 2^-53 of what is
- * within two sizes of the frustum, so a place is off by less than 2^-50 sizes; a point that is
- * farther from a border than that is decided as exact arithmetic decides, and where voxel and
- * coordinates are binary fractions every point is.
+ * within two sizes of the frustum, so a place is off by less than 2^-50 sizes. The voxel of a point
+ * farther from a border than that must be the exact one; if voxel and coordinates are binary
+ * fractions, that of every point.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -66,7 +66,8 @@ static int texel_lit(long double x, long double y, long double z)
                         z < SIZE ? (uint32_t)z : SIZE - 1);
 }
 
-/* Lit texels of a point's window, or -1 if a border is nearer than `doubt` voxels. */
+/* Returns the number of lit texels of a point's window, or -1 if a border is nearer than `doubt`
+ * voxels. */
 static int exact_lit(const struct fixture *f, const struct umb_points *points, size_t i,
                      int32_t taps, long double doubt)
 {
@@ -141,7 +142,7 @@ static void points_at_1e7_m_fall_into_their_voxels_of_1_cm(void **state)
     fixture_finish(&f);
 }
 
-/* A coordinate that lies on a border, beside one, or nearly nowhere. */
+/* Draws a coordinate that lies on a border, beside one, or rarely anywhere. */
 static double special_coordinate(uint64_t *seed, double voxel_m)
 {
     static const double fixed[] = {0.0,  -0.0,    DBL_MIN,  -DBL_MIN, 4.9e-324, -4.9e-324,

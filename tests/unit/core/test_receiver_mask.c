@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Assets baked under the static rule: what they say of where surfaces are is kept, checked, equal
- * to the format page's, and points elsewhere are counted as undefined; all else is refused.
+ * Assets baked under the static rule: their receiver mask is stored, checked and read as the format
+ * page says. Points elsewhere are counted as undefined, and queries that need other voxels are
+ * refused.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +65,8 @@ static struct umb_asset *open_asset(const struct bytes *file)
     return asset;
 }
 
-/* Undefined by hand: the cell of the voxel as the format page reads it. */
+/* Decides by hand whether a point is undefined: by the cell of its voxel, read as the format page
+ * describes. */
 static int is_undefined(const struct oracle *oracle, uint32_t light, const double voxel[3])
 {
     const double size = 1 << LOG2_SIZE;

@@ -58,7 +58,7 @@ static unsigned boundaries_at(const struct volume_fixture *f, const int64_t voxe
     return axes;
 }
 
-/* Answers of queries a voxel away on each axis: not all equal. */
+/* Queries a voxel away on each axis: the answers must not all be equal. */
 static int is_mixed_around(const struct volume_fixture *f, const double p[3])
 {
     double around[7][3], voxel[3];
@@ -151,7 +151,7 @@ static void points_of_an_open_scene_lie_on_its_surface(void **state)
     volume_fixture_close(&f);
 }
 
-/* The same on every machine: these bits were written down once. */
+/* The samples must be the same on every machine; these bits were recorded once. */
 static void the_first_points_are_those_of_the_record(void **state)
 {
     static const double golden[2][3] = {
@@ -221,7 +221,7 @@ static int all_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y, u
     return x < 1000 || y > z;
 }
 
-/* Both states meet at the faces of uniform cells only. */
+/* Lit and shadowed voxels meet only at the faces of uniform cells. */
 static int half_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
     (void)user;
@@ -309,7 +309,7 @@ static void points_of_static_assets_are_defined(void **state)
     umb_asset_close(asset);
 }
 
-/* Faces and voxels by the fixture's own definition of a lamp. */
+/* Checks faces and voxels by the fixture's own definition of a lamp. */
 static void points_of_a_lamp_lie_at_boundaries_of_the_face_that_answers(void **state)
 {
     (void)state;

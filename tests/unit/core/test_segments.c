@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lit intervals of segments against a march through every voxel, and against points. */
+/* Lit intervals of segments, compared with a march through every voxel and with points. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -44,7 +44,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The header's definition, voxel by voxel. Returns the number of intervals. */
+/* The header's definition, evaluated voxel by voxel. Returns the number of intervals. */
 static size_t march(const struct volume_fixture *f, const double v[2][3],
                     struct umb_interval intervals[INTERVALS], double *lit)
 {
@@ -91,7 +91,8 @@ static size_t march(const struct volume_fixture *f, const double v[2][3],
     return found;
 }
 
-/* Ends in voxels: anywhere, on voxel boundaries, along axes, through corners, tiny, endless. */
+/* Draws ends in voxels: anywhere, on voxel boundaries, along axes, through corners, very near each
+ * other, very far away. */
 static void random_ends(uint64_t *seed, double size, double v[2][3])
 {
     uint64_t kind = next_random(seed) % 8;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Segments and columns before a point light against a march through every voxel of its faces. */
+/* Segments and columns before a point light, compared with a march through every voxel of its
+ * faces. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -108,7 +109,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* What the march has found so far. */
+/* What the march has found so far: intervals and the open one. */
 struct found {
     struct umb_interval intervals[INTERVALS];
     size_t count;
@@ -127,7 +128,7 @@ static void found_put(struct found *found, int lit, double t)
     found->is_lit = lit;
 }
 
-/* Planes of one axis in the order of k, and how many the line has passed. */
+/* The planes of one axis in the order of k, and how many of them the line has passed. */
 struct planes {
     double s[SIZE + 1];
     double at; /* coordinate, if the line does not move on this axis */
@@ -157,7 +158,8 @@ static int voxel_state(uint32_t face, const struct planes planes[3], double s)
            0;
 }
 
-/* The header's words for the piece from a to b, all of it behind the frustum's beginning. */
+/* The header's formulas for the piece from a to b, all of which lies behind the frustum's near
+ * plane. */
 static void march_line(const struct lamp *lamp, uint32_t face, const double h0[3],
                        const double gain[3], const double part[2], const double w[2],
                        struct found *found)
@@ -234,7 +236,7 @@ static void march_piece(const struct lamp *lamp, uint32_t face, const double p[2
     }
 }
 
-/* The face that looks at p; the first of equals. */
+/* Returns the face that answers for p; the first of equals. */
 static uint32_t looking(const double w0[FACES], const double gain[FACES], double t)
 {
     uint32_t best = 0;
@@ -244,7 +246,8 @@ static uint32_t looking(const double w0[FACES], const double gain[FACES], double
     return best;
 }
 
-/* Cuts where any two faces are equally far, and asks in the middle who looks. */
+/* Cuts the segment where any two faces are equally far, and finds for the middle of each part the
+ * face that answers. */
 static void march(const struct lamp *lamp, const double p[2][3], struct found *found)
 {
     double w0[FACES], gain[FACES], cuts[2 + FACES * FACES];
@@ -423,7 +426,7 @@ static void columns_before_a_lamp_end_at_their_first_shadowed_voxel(void **state
     lamp_close(&lamp);
 }
 
-/* The centre of a voxel, as umb_volume_boxes documents it, and W there. */
+/* Computes the centre of a voxel as umb_volume_boxes documents it, and W there. */
 static double centre_of(const struct umb_frustum_info *face, const uint32_t v[3], double p[3])
 {
     const double *m = face->world_to_voxel[0], *w = face->world_to_voxel[3];
@@ -446,8 +449,8 @@ static double centre_of(const struct umb_frustum_info *face, const uint32_t v[3]
     return depth;
 }
 
-/* Every voxel of every face is asked whether its centre lies in the box and its own face answers
- * there. Sides of boxes are drawn off the voxels' centres, so rounding decides nothing. */
+/* Tests for every voxel of every face whether its centre lies in the box and its own face answers
+ * there. Sides of boxes are drawn away from voxel centres, so rounding decides nothing. */
 static void boxes_count_the_voxels_of_all_faces(void **state)
 {
     struct lamp lamp;

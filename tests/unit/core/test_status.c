@@ -67,7 +67,7 @@ static void long_messages_are_cut_and_stay_utf8(void **state)
         (void)umb_fail_errno(&error, UMB_E_IO, EIO, "%s", text);
         size_t length = strlen(error.message);
         assert_int_equal(length, sizeof error.message - 1);
-        /* Whole characters, but for '?' in place of the one that was cut. */
+        /* Whole characters are kept, and '?' stands for the one that was cut. */
         for (size_t i = 0; i < length;) {
             int euro = strncmp(error.message + i, "\xe2\x82\xac", 3) == 0;
             assert_true(euro || error.message[i] == 'x' || (error.message[i] == '?' && i > 310));

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Translucent casters in assets: what is written, what the oracle reads, what queries answer, and
- * what damaged bytes do. The truth is the layers that the fixture draws.
+ * how damaged bytes are handled. The truth comes from the layers that the fixture draws.
  */
 #include "transmittance_fixture.h"
 
@@ -75,7 +75,7 @@ static void lists_are_what_the_page_says(void **state)
     }
 }
 
-/* The box of `taps` voxels around a voxel, but no narrower than a texel and a voxel. */
+/* Finds the box of `taps` voxels around a voxel, at least as wide as a texel and a voxel. */
 static void model_box(const struct tf_asset *f, uint32_t light, const double v[3], int32_t taps,
                       double *share, long double *exact)
 {
@@ -107,8 +107,8 @@ static void model_box(const struct tf_asset *f, uint32_t light, const double v[3
     *exact = (long double)lit / (taps * taps) * sum / (box * box);
 }
 
-/* Where look-ups of opaque casters stop says nothing of the box that the light left is a mean over,
- * nor how far its points move. */
+/* The level at which look-ups of opaque casters stop must change neither the box of the
+ * transmittance nor the move of its points. */
 static void levels_leave_the_light_left_alone(void **state)
 {
     (void)state;
@@ -148,7 +148,7 @@ static void levels_leave_the_light_left_alone(void **state)
     tf_close(&f);
 }
 
-/* Answers are the product of both, to the last bit by the lists, within 1e-6 by the layers. */
+/* Answers must be the product of both: exactly by the lists, within 1e-6 by the layers. */
 static void answers_are_products_of_all_hits(void **state)
 {
     (void)state;
@@ -185,7 +185,8 @@ static void answers_are_products_of_all_hits(void **state)
     tf_close(&f);
 }
 
-/* One answer, whatever the format of points and answers, the split and the number of lights. */
+/* The answer must be the same for every format of points and answers, every split and every number
+ * of lights. */
 static void formats_and_splits_agree(void **state)
 {
     (void)state;
@@ -235,7 +236,7 @@ static void formats_and_splits_agree(void **state)
     tf_close(&f);
 }
 
-/* A share may have been a float on its way or not: what is stored must not tell. */
+/* A share may have been stored as a float in between or not: the result must not depend on that. */
 static void bytes_and_bits_follow_from_the_float(void **state)
 {
     (void)state;
@@ -329,7 +330,7 @@ static void explanations_say_what_translucent_casters_left(void **state)
     tf_close(&f);
 }
 
-/* Mapped, exported and packed again, and page by page: the same content, the same answers. */
+/* Mapped, exported and packed again, and page by page: content and answers must be the same. */
 static void all_forms_of_a_file_answer_the_same(void **state)
 {
     (void)state;
@@ -445,7 +446,7 @@ static void the_bytes_of_a_small_map_stay(void **state)
     umb__transmittance_bytes_finish(&bytes);
 }
 
-/* Checks and, if they pass, expands and asks. Returns 1 if they pass. */
+/* Checks an entry; if it passes, expands and queries it. Returns 1 if it passes. */
 static int try_bytes(const uint8_t *bytes, size_t size)
 {
     static const struct umb_frustum_info frusta[2] = {{.log2_size = 7}, {.log2_size = 7}};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The set of values behind a page's tables, against sorting and searching. */
+/* The set of values behind a page's tables, compared with sorting and searching. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_TESTS_TRANSMITTANCE_FIXTURE_H
 #define UMBRAGE_TESTS_TRANSMITTANCE_FIXTURE_H
 /*
- * Assets of two lights with translucent casters: random layers before every texel, as the
- * transmittances that they leave (long double products) and as the lists that a file holds; opaque
- * voxels at random between them.
+ * Assets of two lights with translucent casters. Every texel has random layers before it, kept
+ * twice: as the transmittances that they leave (long double products) and as the lists that a file
+ * stores. Opaque voxels stand at random between them.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -148,7 +148,8 @@ static inline void tf_close(struct tf_asset *f)
     free(f->texels[1]);
 }
 
-/* What the model says of a texel at voxel z, in units of 2^-21; exact: unrounded, 0..1. */
+/* Returns the model's light of a texel at voxel z, in units of 2^-21. Out: exact: the same
+ * unrounded, 0..1. */
 static inline uint32_t tf_left(const struct tf_asset *f, uint32_t light, uint32_t x, uint32_t y,
                                uint32_t z, long double *exact)
 {

@@ -116,7 +116,7 @@ static inline void volume_fixture_close(struct volume_fixture *f)
     free(f->lit);
 }
 
-/* State of a voxel by the rules for what is outside. */
+/* Returns the state of a voxel, also outside the frustum by the rules for that space. */
 static inline int fixture_voxel(const struct volume_fixture *f, int64_t x, int64_t y, int64_t z)
 {
     int64_t size = f->size;
@@ -127,7 +127,7 @@ static inline int fixture_voxel(const struct volume_fixture *f, int64_t x, int64
     return f->lit[(size_t)x + f->size * ((size_t)y + f->size * (size_t)z)];
 }
 
-/* World position of a voxel-space one, minus the asset's origin. */
+/* Computes the world position, minus the asset's origin, of a voxel-space position. */
 static inline void fixture_world(const struct volume_fixture *f, const double v[3], double p[3])
 {
     for (unsigned axis = 0; axis < 3; axis++) {

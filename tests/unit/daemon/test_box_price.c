@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a box's sides cut, against bricks counted one by one. */
+/* Bricks that a box's sides cut: the estimate is compared with bricks counted one by one. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -38,7 +38,8 @@ static void world_of(const struct umb_frustum_info *f, const int voxel[3], doubl
     }
 }
 
-/* Whether a brick has corners on both sides of the box's surface; 0 for what is far off. */
+/* Returns whether a brick has corners on both sides of the box's surface; 0 for a brick far
+ * away. */
 static int is_cut(const struct umb_frustum_info *f, const int brick[3], const struct umb_box *box)
 {
     int inside = 0;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The config file: what it takes, what goes before it, and what it refuses with which line. */
+/* The config file: what it accepts, which sources take precedence over it, and the line that a
+ * refusal names. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

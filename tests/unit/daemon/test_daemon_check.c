@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* --check: each file, folder and program that an option names is looked at, none is changed. */
+/* --check: each file, folder and program that an option names must be looked at, and none
+ * changed. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -131,7 +131,7 @@ static struct sockaddr_storage resolve(const char *text, struct umbn_address *ad
     return found;
 }
 
-/* Whether a daemon with these words would serve anyone at the address. */
+/* Returns whether a daemon with these options would serve clients at the address. */
 #define SERVES_ANYONE(text, ...) serves_anyone(text, (char *[]){"umbraged", __VA_ARGS__, NULL})
 
 static int serves_anyone(const char *text, char **argv)

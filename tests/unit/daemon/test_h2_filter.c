@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The filter of early resets: however the bytes are cut, only those frames go. */
+/* The filter of early resets: however the bytes are divided, it must drop those frames and no
+ * others. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

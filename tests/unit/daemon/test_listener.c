@@ -178,7 +178,8 @@ static void the_loopback_of_ipv6_is_this_machine(void **state)
     assert_non_null(strstr(f->loop.listeners->text, "tcp:[::1]:"));
 }
 
-/* Puts a socket where a manager puts its first one, and opens; what stood there comes back. */
+/* Puts a socket at the first descriptor of a service manager, and opens listeners; the former
+ * descriptor is put back. */
 static enum umb_status open_handed(struct fixture *f, int fd, const char *names)
 {
     char pid[32];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opening listeners, those that a service manager hands over too, and the admin port's answers. */
+/* Opening listeners, also those that a service manager hands over, and the admin port's answers. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -107,7 +107,7 @@ static void a_unix_socket_that_nobody_serves_is_replaced_one_that_is_served_is_n
     assert_int_equal(access(place->path, F_OK), 0); /* no socket: left alone */
 }
 
-/* Puts a descriptor where a service manager does, and says so. */
+/* Puts a descriptor where a service manager puts it, and sets the variables of the environment. */
 static void hand_over(int fd, const char *names)
 {
     char number[24];
@@ -172,7 +172,7 @@ static int connect_admin(struct place *place)
     return fd;
 }
 
-/* Runs the loop until the peer has closed; what it said before. */
+/* Runs the loop until the peer has closed; returns what the peer sent. */
 static const char *read_all(struct place *place, int fd)
 {
     static char answer[4096];

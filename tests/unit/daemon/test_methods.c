@@ -24,7 +24,8 @@ static void every_row_has_a_path_of_its_own_and_a_function_that_serves(void **st
     }
 }
 
-/* A stream of requests that paid when it began would ask for any number of points at one price. */
+/* A stream must pay for each request: if it paid only when it began, it could query any number of
+ * points at one price. */
 static void streams_of_requests_pay_for_each_request(void **state)
 {
     (void)state;
@@ -38,7 +39,8 @@ static void streams_of_requests_pay_for_each_request(void **state)
     }
 }
 
-/* Calls without rights are held in memory before anything is known of their callers. */
+/* Calls without rights are held in memory before anything is known of their callers, so their limit
+ * is small. */
 static void methods_without_rights_take_small_requests_only(void **state)
 {
     (void)state;

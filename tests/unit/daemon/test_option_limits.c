@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Options at their limits, options that do not go together, and addresses at theirs. */
+/* Options at their limits, options that contradict each other, and the greatest number of
+ * addresses. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -27,7 +28,7 @@ static enum umb_status parse(char **argv)
 }
 #define PARSE(...) parse((char *[]){"umbraged", __VA_ARGS__, NULL})
 
-/* The same option so often, with a store before it. */
+/* Makes a command line with the same option so many times, after a store. */
 static enum umb_status parse_many(const char *word, size_t count)
 {
     char *argv[64] = {"umbraged", "--store=x"};
@@ -131,7 +132,7 @@ static void the_last_of_an_option_holds_and_an_address_gets_a_quarter(void **sta
     assert_int_equal(options.max_address_connections, 3);
 }
 
-/* The printed settings of a command line, as long as the test runs. */
+/* Returns the printed settings of a command line; they stay valid for the whole test. */
 static const char *printed(void)
 {
     static char *text;

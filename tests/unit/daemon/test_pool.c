@@ -201,8 +201,8 @@ static void work_that_ends_early_says_what_of_in_its_own_words(void **state)
 }
 
 /*
- * A pool without workers keeps everything waiting, so what a queue does can be looked at without a
- * race; destroying it gives all of it back cancelled.
+ * A pool without workers keeps everything waiting, so a queue can be inspected without a race.
+ * Destroying the pool returns all of it as cancelled.
  */
 static void pool_refuses_beyond_its_queue(void **state)
 {
@@ -227,8 +227,8 @@ static void pool_refuses_beyond_its_queue(void **state)
     }
 }
 
-/* Lane 1 has filled the queue; each newcomer takes its last batch's place until all have as many.
- */
+/* Lane 1 has filled the queue. Each newcomer replaces its last batch until all lanes have as
+ * many. */
 static void pool_full_of_one_lane_makes_room_for_others(void **state)
 {
     struct fixture *f = *state;
@@ -259,7 +259,7 @@ static void pool_full_of_one_lane_makes_room_for_others(void **state)
     }
 }
 
-/* Heads, middles and tails of lanes leave in every order, and the rest stays linked. */
+/* Heads, middles and tails of lanes leave in every order; the others must stay linked. */
 static void pool_cancel_takes_a_waiting_batch_out_anywhere(void **state)
 {
     struct fixture *f = *state;
@@ -311,7 +311,7 @@ static void pool_cancel_of_a_running_batch_ends_it_once(void **state)
     umbd_pool_destroy(pool);
 }
 
-/* Holds its worker until the test opens the gate, so that the rest of the queue stands still. */
+/* Occupies its worker until the test opens the gate, so that the rest of the queue stands still. */
 static void hold_worker(struct umbd_task *task)
 {
     struct fixture *f = task->home;
@@ -347,7 +347,8 @@ static void pool_takes_turns_between_lanes(void **state)
     pthread_cond_broadcast(&f->changed);
     pthread_mutex_unlock(&f->mutex);
     wait_done(f, 6);
-    /* The last in the queue waits for one slice of the other lane, not for its five batches. */
+    /* The last batch in the queue must wait for one slice of the other lane, not for its five
+     * batches. */
     assert_int_equal(f->order[0], 2);
     umbd_pool_destroy(pool);
     for (size_t i = 0; i < 6; i++) {
@@ -383,7 +384,8 @@ static void slices_of_many_turns_let_others_pass_first(void **state)
     pthread_cond_broadcast(&f->changed);
     pthread_mutex_unlock(&f->mutex);
     wait_done(f, 4);
-    /* Lane 4 has more slices than lane 2 waits for; the others wait for all of them, not longer. */
+    /* Lane 4 has more slices than lane 2 waits for. The other lanes wait for all of these, but no
+     * longer. */
     static const uint64_t order[4] = {2, 4, 1, 3};
     assert_memory_equal(f->order, order, sizeof order);
     umbd_pool_destroy(pool);
@@ -470,7 +472,7 @@ static void batch_in_used_memory_repeats_only_the_same_volume_query_of_the_same_
     assert_int_equal(batch->part_count, 1);
     assert_int_equal(umb_query_taps(&batch->parts[0].query), 3);
     umbd_batch_recycle(batch, &spare);
-    /* A question that could not be prepared leaves nothing to repeat. */
+    /* A query that could not be prepared leaves nothing to repeat. */
     assert_int_equal(umbd_batch_reuse(&spare, &wrong, &points, &batch, NULL), UMB_OK);
     batch->is_borrowed = 1;
     assert_int_equal(umbd_batch_add(batch, entry, 0, NULL), UMB_E_ARGUMENT);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the environment of a service manager says, and what is told to its socket. */
+/* What the daemon reads from the environment of a service manager, and what it sends to the
+ * manager's socket. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

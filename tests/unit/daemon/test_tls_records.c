@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * TLS sessions of connections against a client in memory: what is sealed, kept and sent later
- * arrives in order and once; what does not fit, or is no TLS, ends the session; files that cannot
- * be used are refused by name, and a reload with one changes nothing.
+ * TLS sessions of connections, with a client in memory. Records that are kept and sent later must
+ * arrive in order and once. Bytes that do not fit, or are not TLS, must end the session. Files that
+ * cannot be used must be refused by name, and a reload with one must change nothing.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -135,7 +135,7 @@ static int take_plain(void *user, const uint8_t *bytes, size_t count)
     return f->stop_with;
 }
 
-/* What the client has written so far goes to the daemon; what umbn_tls_open says. */
+/* Gives the daemon what the client has written so far; returns the result of umbn_tls_open. */
 static int to_daemon(struct fixture *f)
 {
     uint8_t records[65536];
@@ -144,7 +144,7 @@ static int to_daemon(struct fixture *f)
                          f);
 }
 
-/* Seals `count` bytes of output and gives the client what is to be sent. */
+/* Encrypts `count` bytes of output and gives the client what is to be sent. */
 static size_t to_client(struct fixture *f, size_t count)
 {
     const uint8_t *bytes = NULL;
@@ -226,7 +226,7 @@ static void records_that_had_to_wait_arrive_before_later_ones(void **state)
     assert_int_equal(to_client(f, 0), 0); /* and once */
 }
 
-/* Stands for records that the library has written and that cannot be sent now. */
+/* Stands for records that the library has written and that cannot be sent yet. */
 static void put_records(struct fixture *f, size_t count)
 {
     memset(f->loop.sealed, 0x17, count);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_JOB_SIM_CHECKS_H
 #define UMBRAGE_TESTS_JOB_SIM_CHECKS_H
-/* Invariants of a simulated bake service after each step. Included once, by the program. */
+/* Invariants of a simulated bake service, checked after each step. The test program includes this
+ * file once. */
 #include "job_simulation.h"
 #include "jobs/folder.h"
 #include "jobs/staging.h"
@@ -126,7 +127,7 @@ static size_t names_in(const char *folder, const char *name)
     return count;
 }
 
-/* Keys of unfinished jobs, each once. */
+/* Lists the keys of unfinished jobs, each once. */
 struct keys {
     size_t count;
     uint8_t list[OWNERS * OWNER_JOBS][UMBJ_HASH_BYTES];

@@ -5,7 +5,7 @@
  * The world of a simulated bake service: clocks, random numbers, and the gate through which calls
  * on files go. Included once, by the program.
  *
- * The gate: calls of this program, and of SQLite in it, are caught by their names. Each is counted,
+ * The gate: calls by this program, and by SQLite in it, are intercepted by name. Each is counted,
  * may fail, and may be the last of this process. Syncs do nothing else: a process that dies loses
  * nothing of the page cache.
  */
@@ -59,7 +59,7 @@ static unsigned draw(struct sim_world *world, unsigned below)
 
 extern void __gcov_dump(void) __attribute__((weak));
 
-/* Ends the process as a kill would, but with its coverage written. */
+/* Ends the process as a kill would, but writes the coverage data first. */
 static _Noreturn void sim_exit(int code)
 {
     gate_world = NULL;
@@ -69,7 +69,7 @@ static _Noreturn void sim_exit(int code)
     _exit(code);
 }
 
-/* Ends the process with a sentence if it does not hold. */
+/* Ends the process with a message if a condition does not hold. */
 #define CHECK(holds)                                                                               \
     do {                                                                                           \
         if (!(holds)) {                                                                            \
@@ -78,7 +78,7 @@ static _Noreturn void sim_exit(int code)
         }                                                                                          \
     } while (0)
 
-/* 0, or -1 with errno; or the end. */
+/* Decides about a call: returns 0, or -1 with errno; or ends the process. */
 static int gate(void)
 {
     struct sim_world *world = gate_world;

@@ -152,7 +152,7 @@ static int teardown(void **state)
     return 0;
 }
 
-/* A bundle of so many files, each in a folder of its own if `deep`. */
+/* Makes a bundle of so many files, each in a folder of its own if `deep`. */
 static void make_manifest(struct fixture *f, size_t count, int deep)
 {
     for (size_t i = 0; i < count; i++) {
@@ -164,7 +164,7 @@ static void make_manifest(struct fixture *f, size_t count, int deep)
         (struct umbj_manifest){.scene = f->paths[0], .files = f->files, .file_count = count};
 }
 
-/* Submits; the calls are those from the first byte to the acknowledgement. */
+/* Submits it; records the calls from the first byte to the acknowledgement. */
 static enum umb_status submit(struct fixture *f)
 {
     char bytes[FILES_MOST];
@@ -217,7 +217,8 @@ static size_t rename_into_bundles(void)
     return CALLS_MOST;
 }
 
-/* Bytes, names, the bundle's name, its folder, the row: each durable before the next. */
+/* The order must be bytes, names, the bundle's name, its folder, the row: each durable before the
+ * next. */
 static void check_order(const struct fixture *f)
 {
     const size_t renamed = rename_into_bundles();

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A bake on a farm of this file's own: what counts as the bake's time, and what is done when the
- * farm's answer was lost. The whole executor: tests/system/test_slurm_executor.py. */
+/* A bake on an imitated farm in this file: which time counts as the bake's, and what happens when
+ * the farm's answer was lost. The whole executor: tests/system/test_slurm_executor.py. */
 #define _GNU_SOURCE /* syscall */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -317,7 +317,7 @@ static void a_file_beyond_the_limit_is_no_reason_to_try_again(void **state)
     assert_non_null(strstr(f->try.cause, "--max-asset"));
 }
 
-/* Each end of task 0 comes once, or as often as it takes. */
+/* Reports each end of task 0 once, or as often as needed. */
 static void what_a_task_says_decides_what_becomes_of_the_bake(void **state)
 {
     static const struct {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Threads for files: fair between owners, independent of the table, quick to stop. */
+/* Threads for files must be fair between owners, independent of the table, and quick to stop. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,7 @@
 #define STEP_MS 2
 #define STEPS   5000 /* ten seconds */
 
-/* Work that stands still until it is let go. */
+/* Work that waits until the test lets it go on. */
 struct work {
     struct umbj_request request;
     sem_t go;
@@ -50,7 +50,7 @@ static void make_work(struct work *work, const char *owner)
     work->request = (struct umbj_request){.files = stand_still, .done = note_done, .owner = owner};
 }
 
-/* Stands in for the service: a request without run ends after its files. */
+/* Stands in for the service: a request without `run` ends after its files. */
 static void finish(struct umbj_service *service, struct umbj_request *request)
 {
     (void)service;

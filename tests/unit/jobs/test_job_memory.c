@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Each allocation of the job service is refused in turn: a call fails with a status or works
- * without the memory, and leaves nothing half made. Sanitizers have allocators of their own: there
- * it is skipped.
+ * Each allocation of the job service fails in turn. The call must fail with a status or work
+ * without the memory, and leave nothing half made. The test is skipped under sanitizers, which have
+ * allocators of their own.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -108,7 +108,7 @@ static int teardown(void **state)
     return 0;
 }
 
-/* Makes each allocation of some work fail once; returns how many there are. */
+/* Fails each allocation of some work once, one at a time; returns their number. */
 static long sweep(struct fixture *f, enum umb_status (*work)(struct fixture *f, unsigned number))
 {
     long count = 0;

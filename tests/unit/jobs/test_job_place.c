@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Place of the job table, and its one daemon. */
+/* The place of the job table, and the rule that one daemon uses it. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -71,7 +71,7 @@ static void second_daemon_on_the_folder_or_the_table_is_refused_by_name(void **s
     assert_int_equal(umbj_place_take(f->other, f->table, &second, &f->error), UMB_E_BUSY);
     assert_non_null(strstr(f->error.message, "--jobs-db: "));
     assert_non_null(strstr(f->error.message, pid));
-    /* What it took before it was refused, it gave back. */
+    /* A refused open must release everything that it took. */
     assert_int_equal(umbj_place_take(f->other, NULL, &second, &f->error), UMB_OK);
     umbj_place_release(&second);
     assert_int_equal(umbj_place_beat(&first, &f->error), UMB_OK);
@@ -114,7 +114,8 @@ static void database_that_cannot_have_its_journal_is_refused(void **state)
 {
     struct fixture *f = *state;
     struct umbj_sql sql;
-    /* One in memory has no write-ahead log, as one on a network file system may have none. */
+    /* A table in memory has no write-ahead log; one on a network file system may have none,
+     * either. */
     assert_int_equal(umbj_sql_open(":memory:", &sql, &f->error), UMB_E_UNSUPPORTED);
     assert_non_null(strstr(f->error.message, "'memory', not 'wal'"));
     assert_non_null(strstr(f->error.message, "--jobs-db"));

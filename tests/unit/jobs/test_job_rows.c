@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Damaged job tables: every column with every kind of wrong value, and files with wrong bytes. No
- * wrong value is run, shown as valid, or read past its end (ASan).
+ * wrong value may be run, shown as valid, or read beyond its end (ASan).
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -68,7 +68,7 @@ static const char *const values[] = {"-1",
                                      "'0123456789abcdef0123456789abcdef'",
                                      "char(27) || '[2J'"};
 
-/* Runs one statement with the program's own checks out of the way. */
+/* Runs one SQL statement with the program's own checks switched off. */
 static int tamper(struct fixture *f, const char *text)
 {
     sqlite3 *database = NULL;
@@ -92,7 +92,7 @@ static void fill(struct fixture *f)
     assert_int_equal(submit_as(f, "bob", 3, 0, 1000, &job, &is_new), UMB_OK);
 }
 
-/* What a worker gets must be as a manifest leaves it. */
+/* The settings and files that a worker gets must be valid in a manifest. */
 static void check_spec(struct fixture *f, const struct umbj_job *job)
 {
     char scene[UMBJ_SCENE_SIZE], *settings = malloc(UMBJ_SETTINGS_SIZE);
@@ -139,7 +139,7 @@ static void count_owned(void *user, const uint8_t *asset, const char *owner)
     ++*(int *)user;
 }
 
-/* All that a service does with a table. Failures are fine, if they are told. */
+/* Does everything that a service does with a table. Failures are allowed if they are reported. */
 static void use(struct fixture *f)
 {
     struct umbj_job job, *jobs = NULL;
@@ -187,7 +187,7 @@ static void use(struct fixture *f)
     (void)!umbj_table_check_quota(f->table, "ann", 1, NULL, &f->error);
 }
 
-/* The same file again for the next case: written once, then copied. */
+/* Restores the same file for the next case: it is written once, then copied. */
 static void begin_anew(struct fixture *f)
 {
     static const char *const ends[] = {"", "-wal", "-shm"};
@@ -418,7 +418,7 @@ static void a_table_of_the_version_before_is_brought_up_to_date(void **state)
     assert_int_equal(umbj_table_open(f->path, &limits, &f->table, &f->error), UMB_OK);
 }
 
-/* As the words of a command line see it, whatever checked it before. */
+/* Checks settings as the words of a command line, whatever checked them before. */
 static void settings_without_a_last_newline_are_read_to_their_end(void **state)
 {
     char *settings = strdup("--static\n--resolution=128"); /* ends where its block ends */

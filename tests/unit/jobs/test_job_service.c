@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The job service's thread: what it gets done while a caller keeps it busy. */
+/* The job service's thread: it must make progress while a caller keeps it busy. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -61,7 +61,7 @@ static int teardown(void **state)
     return 0;
 }
 
-/* A request that is there again as soon as it is done, and takes its time, as a write does. */
+/* A request that is posted again as soon as it is done, and takes some time, as a write does. */
 struct flood {
     struct umbj_request request;
     struct umbj_service *service;
@@ -155,7 +155,7 @@ static void requests_without_a_break_keep_no_job_from_running(void **state)
     assert_int_equal(found, UMBJ_FAILED);
 }
 
-/* Uploads that wait for their bytes, and what the service says to the last one. */
+/* Uploads that wait for their bytes, and the service's reply to the last one. */
 struct waiting {
     struct umbj_request request;
     enum umb_status first, second, others, again;
@@ -239,7 +239,7 @@ static struct umbj_service_options options_again(const struct fixture *f)
     return options;
 }
 
-/* An asset of an older program's table, which noted no sizes. */
+/* An asset in the table of an older program, which recorded no sizes. */
 static void note_asset(const struct fixture *f, const uint8_t *asset, const char *owner)
 {
     char path[256];
@@ -367,7 +367,7 @@ static void a_daemon_that_was_taken_over_removes_nothing(void **state)
     assert_int_equal(umbj_service_delete(f->service, key, "ann", &f->error), UMB_OK);
 }
 
-/* What the service tells of files that get their names. */
+/* Collects what the service reports about files that get their names. */
 struct naming {
     int begun, failed;
 };
@@ -392,7 +392,8 @@ static void run_job(struct fixture *f, uint8_t key, struct umbj_job *job)
     assert_int_equal(umbj_table_claim(f->service->table, 2, 2, job, &f->error), UMB_OK);
 }
 
-/* Ends a running job with a staged file, whose commit fails with system_error, 0 = does not. */
+/* Ends a running job with a staged file, whose commit fails with system_error; 0: the commit
+ * works. */
 static void publish(struct fixture *f, uint8_t key, int system_error)
 {
     struct umbj_report report = {.kind = UMBJ_REPORT_ENDED, .asset = {5}};
@@ -490,7 +491,7 @@ static void a_daemon_that_was_taken_over_ends_its_tries_and_publishes_nothing(vo
     assert_int_equal(job.state, UMBJ_RUNNING);
 }
 
-/* A service without a thread, on the fixture's folder, with an executor that only counts. */
+/* Makes a service without a thread, on the fixture's folder, with an executor that only counts. */
 static void open_quiet(struct fixture *f, struct umbj_service_options *options)
 {
     static struct counting counting; /* the service's until the teardown */
@@ -564,7 +565,7 @@ static void a_known_asset_is_published_unless_its_file_is_gone(void **state)
     assert_int_equal(names_in(f, "assets"), 1);
 }
 
-/* What the daemon says of its assets. */
+/* Collects what the daemon reports about its assets. */
 static int is_served(void *user, const uint8_t *asset)
 {
     (void)asset;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The job table against a model, and killed in the middle. */
+/* Compares the job table with a model, and kills the process in the middle. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -152,7 +152,7 @@ static void random_work_agrees_with_a_model(void **state)
 
 /* --- killed in the middle --- */
 
-/* Submits and finishes without end, telling each acknowledgement. */
+/* Submits and finishes jobs without end, and reports each acknowledgement. */
 static void work_until_killed(const char *path, int tell)
 {
     struct fixture f = {.table = NULL};

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The bake service in a drawn world: table, service, leases and files are the daemon's; clocks,
- * executor, owners, failing calls and the moments of death are drawn from a seed. One thread, so
- * that a seed is a run. Each life is a process; the next life must find everything that was
- * acknowledged before its death.
+ * The bake service in a simulated world. Table, service, leases and files are the daemon's; clocks,
+ * executor, owners, failing calls and the moments of death are drawn from a seed. There is one
+ * thread, so that a seed always gives the same run. Each life is a process; the next life must find
+ * everything that was acknowledged before its death.
  */
 #define _GNU_SOURCE /* MAP_ANONYMOUS, syscall */
 #include <setjmp.h>
@@ -69,7 +69,7 @@ static enum umb_status sim_start(struct umbj_executor *self, const struct umbj_w
     return UMB_OK;
 }
 
-/* A lease that is over: no try loses its job that gave a sign of life in time. */
+/* Checks a lease that is over: no try may lose its job if it gave a sign of life in time. */
 static void sim_cancel(struct umbj_executor *self, const char *job, int64_t epoch)
 {
     struct sim *sim = (struct sim *)self;
@@ -112,7 +112,7 @@ static int64_t world_steady_ms(void *user)
     return ((struct sim_world *)user)->steady_ms;
 }
 
-/* The daemon's store: it loads what is new after a while, and some things never. */
+/* The daemon's store: it loads new assets after a while, and some never. */
 static int world_serves(void *user, const uint8_t *asset)
 {
     struct sim *sim = user;
@@ -218,7 +218,8 @@ static void manifest_of(unsigned content, struct umbj_manifest *manifest,
         .scene = path, .files = file, .file_count = 1, .settings = &setting, .setting_count = 1};
 }
 
-/* Between the steps of a submission: jobs of the same scene end, and need its bundle no more. */
+/* Called between the steps of a submission: jobs of the same scene end, and no longer need its
+ * bundle. */
 static void end_twins(struct sim *sim, unsigned content)
 {
     struct umbj_job job;
@@ -303,7 +304,7 @@ static void delete_asset(struct sim *sim)
     (void)!umbj_service_delete(sim->service, asset, owner, &error);
 }
 
-/* An owner fetches an asset: its bytes, or a refusal; never another's. */
+/* An owner fetches an asset: the result must be its bytes or a refusal, never another owner's. */
 static void fetch(struct sim *sim)
 {
     const unsigned content = draw(sim->world, CONTENTS);
@@ -352,7 +353,7 @@ static void watch(struct sim *sim)
     CHECK(tiles.done <= tiles.total);
 }
 
-/* An operator removes the file of an asset, who should not. */
+/* An operator removes the file of an asset, which operators should not do. */
 static void remove_file(struct sim *sim)
 {
     uint8_t asset[UMBJ_HASH_BYTES];
@@ -375,7 +376,7 @@ static struct umbj_report report_of(const struct sim_try *try, enum umbj_report_
     return report;
 }
 
-/* Leaves what a bake made beside its place; a call may fail. */
+/* Leaves a bake's result beside its final place; a call may fail. */
 static enum umb_status stage(struct sim *sim, const struct sim_try *try, struct umbj_report *report)
 {
     char path[4300], content[ASSET_BYTES];
@@ -438,7 +439,7 @@ static void work_on(struct sim *sim)
     }
 }
 
-/* Time goes on; all that live say so as often as a bake does, but for one that may be silent. */
+/* Advances time; all live tries report as often as bakes do, except one that may be silent. */
 static void pass_time(struct sim *sim)
 {
     struct sim_world *world = sim->world;
@@ -498,7 +499,7 @@ static _Noreturn void live(struct sim_world *world, const char *folder)
     sim_exit(0);
 }
 
-/* The last life: nothing fails any more, and everything comes to its end. */
+/* The last life: no call fails any more, and every job must come to its end. */
 static _Noreturn void finish(struct sim_world *world, const char *folder)
 {
     static struct sim sim;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Slurm as a farm, with a Slurm of a few lines of shell: what is asked of it, and what is believed
- * when it refuses. The whole executor: tests/system/test_slurm_executor.py. */
+/* Slurm as a farm, with Slurm's commands imitated by a few lines of shell: the calls that are made,
+ * and what the farm concludes from refusals. The whole executor:
+ * tests/system/test_slurm_executor.py. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,7 +40,7 @@ static void put_command(const struct fixture *f, const char *name, const char *s
     assert_int_equal(chmod(path, 0700), 0);
 }
 
-/* Calls whose words have that text. */
+/* Counts the calls whose words contain a text. */
 static size_t count_calls(const struct fixture *f, const char *text)
 {
     static char line[1 << 17];
@@ -107,7 +108,7 @@ static void what_was_taken_before_a_refusal_is_not_wanted_any_more(void **state)
     }
 }
 
-/* Says what a queue of all tasks would, with the tag that sbatch was given. */
+/* Prints what a queue of all tasks would show, with the tag that sbatch was given. */
 static void put_full_queue(struct fixture *f, const char *reason)
 {
     char script[600];
@@ -189,7 +190,7 @@ static void a_task_writes_no_longer_files_than_it_may(void **state)
     snprintf(command, sizeof command, "head -c 100000 /dev/zero >%s/big", f->folder);
     f->stage.words = words;
     f->stage.max_output_bytes = 5000;
-    /* What sbatch would run elsewhere is run at once. */
+    /* Runs at once what sbatch would run elsewhere. */
     put_command(f, "sbatch",
                 "while [ \"${1#--}\" != \"$1\" ]; do shift; done\nSLURM_JOB_ID=3 sh \"$@\"");
     assert_int_equal(f->farm->submit(f->farm, &f->stage, NULL, &f->error), UMB_OK);
@@ -245,7 +246,7 @@ static void lines_of_a_queue_that_are_not_ours_or_not_whole_are_left_out(void **
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++) {
         used += (size_t)snprintf(script + used, sizeof script - used, "echo \"%s\"\n", lines[i]);
     }
-    /* And one of the stage, with neither an index nor a reason: the merge. */
+    /* Adds a line of the queue for the merge stage, with neither an index nor a reason. */
     snprintf(script + used, sizeof script - used, "echo \"9 N/A PD ${tag}" NAME ".tile.3\"\n");
     put_command(f, "squeue", script);
     assert_int_equal(f->farm->status(f->farm, &f->stage, f->known, &f->error), UMB_OK);

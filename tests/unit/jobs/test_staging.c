@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a bake left is taken for an asset only if it is one, whole, and not too large. */
+/* The result of a bake is accepted as an asset only if it is one, complete, and not too large. */
 #undef _FORTIFY_SOURCE /* read is defined here, not taken from its inline form */
 #define _GNU_SOURCE    /* syscall */
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The snapshot of jobs: what it keeps, and what it makes of a worker's wrong reports. */
+/* The snapshot of jobs: what it keeps, and how it handles a worker's wrong reports. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

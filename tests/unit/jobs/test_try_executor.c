@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The executor on this machine with a program of this file's own in place of umbrage-bake: the
- * meaning of each way to end, the reports meanwhile, and that nothing of a try stays. */
+/* The local executor, with a program in this file in place of umbrage-bake: the meaning of each way
+ * to end, the reports in between, and that no process or file of a try stays. */
 #define _GNU_SOURCE /* struct rlimit on old headers */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -27,7 +27,7 @@
 #define STEP_MS 5
 #define STEPS   4000 /* twenty seconds */
 
-/* Its scene's name says what it does. */
+/* The imitated bake; the name of its scene says what it does. */
 static const char program_text[] =
     "#!/bin/sh\n"
     "for word; do case $word in --output=*) out=${word#--output=} ;; esac; scene=$word; done\n"

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Manifests and uploads from strangers: what is taken, what is refused, what is left behind. */
+/* Manifests and uploads from strangers: what is accepted, what is refused, and what is left
+ * behind. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -118,7 +119,8 @@ static void a_bundle_is_unpacked_however_its_bytes_are_cut(void **state)
     }
 }
 
-/* However the bytes come, and under every name: the form is for this program's own stages. */
+/* A scene buffer must be refused, however its bytes arrive and under every name: the form is for
+ * this program's own stages. */
 static void a_scene_buffer_is_refused_under_every_name(void **state)
 {
     static const char *const names[] = {"a.glb", "a.gltf", "a.obj", "a.ply", "a.stl", "a.png"};
@@ -394,7 +396,7 @@ static int remove_bundle(struct fixture *f, const uint8_t *key)
     return failed;
 }
 
-/* With few descriptors left a removal goes as far as it can and stops within. */
+/* With few descriptors left, a removal goes as far as it can and then stops. */
 static void a_bundle_that_cannot_be_removed_whole_is_never_taken_for_a_whole_one(void **state)
 {
     struct fixture *f = *state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The histogram of latencies: its stated error against sorted values, its edges, merging. */
+/* The histogram of latencies: its error is checked with sorted values; its edges and merging are
+ * tested. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Texels against pixels: Lloyd's formula, Stamminger's, finite differences, and the grazing limit.
- */
+/* Texels and pixels: compared with Lloyd's formula, Stamminger's formula, finite differences, and
+ * the grazing limit. */
 #include "maps_fixture.h"
 #include "maps/map_receiver.h"
 #include "base/vec.h"
@@ -23,8 +23,8 @@ static struct umb_camera camera_at(double y, double z)
 }
 
 /*
- * Lloyd's m in the plane x = 0, where the surface, the light's and the eye's rays all lie: ratio of
- * the widths of the light's and the eye's beam on the surface. Long double.
+ * Computes Lloyd's m in the plane x = 0, where the surface, the light's rays and the eye's rays all
+ * lie: the ratio of the widths of the light's and the eye's beam on the surface. Long double.
  */
 static long double lloyd(const struct umb_camera *camera, const double light[3], double tangent,
                          const double point[3], const double normal[3])
@@ -89,7 +89,7 @@ static void a_step_of_one_texel_is_lloyds_m(void **state)
     }
     print_message("%d points, worst relative error times cosine %Lg\n", seen, worst);
     assert_true(seen > 300000);
-    /* A dozen roundings; the cosines cancel where the ray grazes, hence the factor: 14 ulp. */
+    /* A dozen roundings; where the ray grazes, the cosines cancel, hence the factor: 14 ulp. */
     assert_true(worst < 3e-15L);
 }
 
@@ -120,7 +120,7 @@ static void under_a_light_from_above_it_is_the_simplified_formula(void **state)
     }
 }
 
-/* Any frustum, camera and plane: the patch of a texel, walked along the surface by differences. */
+/* For any frustum, camera and plane: the patch of a texel, found on the surface by differences. */
 static void patches_equal_finite_differences(void **state)
 {
     (void)state;
@@ -147,8 +147,8 @@ static void patches_equal_finite_differences(void **state)
             a.most > 1e4) {
             continue;
         }
-        /* The texel's x axis on the surface: follow light rays of texels left and right to the
-         * plane. */
+        /* The texel's x axis on the surface: the light rays of texels to the left and right are
+         * followed to the plane. */
         double pixels[2][2];
         struct umb__map_point here;
         assert_true(umb__frustum_map(&plan.frusta[0], world, &here));

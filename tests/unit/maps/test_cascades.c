@@ -55,8 +55,8 @@ static void splits_mix_logarithmic_and_uniform_ones(void **state)
     }
 }
 
-/* What a camera sees of the scene lies on the map of its slice, whatever the fit; casters before
- * it too, in depth. */
+/* What a camera sees of the scene must lie on the map of its slice, for every fit; casters before
+ * it must too, in depth. */
 static void every_visible_point_of_the_scene_lies_on_its_map(void **state)
 {
     (void)state;
@@ -105,8 +105,8 @@ static void every_visible_point_of_the_scene_lies_on_its_map(void **state)
     assert_true(seen > 50000 && warped > 10000);
 }
 
-/* The texel that a world point falls into keeps its place in the grid while the camera moves and
- * turns: whole texels only. */
+/* The texel of a world point must keep its place in the grid while the camera moves and turns: it
+ * may move by whole texels only. */
 static void snapped_texels_stay_where_they_are_in_the_world(void **state)
 {
     (void)state;
@@ -223,7 +223,8 @@ static void the_seam_of_two_layers_is_fainter_and_a_contrast_matches_it(void **s
     umb_map_destroy(b);
 }
 
-/* Two maps that answer 0 and 1: who is asked shows in the answer, and blending is continuous. */
+/* Two maps that answer 0 and 1, so that an answer shows which map gave it; blending must be
+ * continuous. */
 static void points_ask_their_slice_and_fade_into_the_next(void **state)
 {
     (void)state;
@@ -294,7 +295,7 @@ static void plans_of_strangers_are_refused_by_name(void **state)
                      UMB_E_ARGUMENT);
 }
 
-/* Were these not refused, extents would be 0 or infinite, and are divided by. */
+/* These must be refused: otherwise extents would be 0 or infinite, and they are divisors. */
 static void cameras_beyond_what_doubles_can_tell_are_refused(void **state)
 {
     (void)state;

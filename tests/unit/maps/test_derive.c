@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Maps derived from voxels: every texel against a march down its column, cascades likewise, maps
- * against the look-ups they stand for, the KTX file read back by the specification, failures.
+ * Maps derived from voxels: every texel, also of cascades, is compared with a march down its
+ * column, and maps with the look-ups that they stand for. The KTX file is read back by the
+ * specification. Failures are tested, too.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -81,7 +82,8 @@ static void every_texel_is_the_first_occluder_of_its_column(void **state)
                         continue;
                     }
                     compared++;
-                    /* Distances are metres from far origins: 2^-30 of the frustum is theirs. */
+                    /* Distances are metres from far origins: their error is 2^-30 of the
+                     * frustum. */
                     const double want = (double)march(&f, at_x, at_y) / SIZE;
                     assert_true(fabs(texel(derived, 0, x, y) - want) < 1e-6);
                 }
@@ -143,8 +145,8 @@ static void cascades_hold_the_columns_of_their_texels(void **state)
     volume_fixture_close(&f);
 }
 
-/* Columns of hills change once: further than a voxel from the change, the map's answer to a point
- * is the voxels' own. */
+/* Columns of hills change once: farther than a voxel from the change, the map must answer a point
+ * as the voxels do. */
 static void a_derived_map_answers_as_the_voxels_do(void **state)
 {
     (void)state;
@@ -306,7 +308,8 @@ static void contrasts_of_cascades_hide_their_seams(void **state)
     const uint8_t *bytes;
     size_t size;
     assert_true(derived->contrast[0] == 1.0);
-    /* A seam that is hidden makes its layer darker, and may deepen the next: the sum must fall. */
+    /* Matching a seam changes its layer's contrast and may worsen the next seam, but the sum must
+     * fall. */
     double before = 0.0, after = 0.0;
     for (uint32_t i = 1; i < 3; i++) {
         const double one = jump(derived, i, 0, 8 + i), two = jump(derived, i, 1, 8 + i);

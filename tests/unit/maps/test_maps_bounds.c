@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What each technique promises, on random distributions of depth: 5 x 5 texels around each of
- * 262144 texels, against counts and long double formulas.
+ * The guarantees of each technique, checked on random distributions of depth: 5 x 5 texels around
+ * each of 262144 texels, compared with counts and long double formulas.
  */
 #include "maps_fixture.h"
 
@@ -16,7 +16,7 @@ static double at[CASES][3];
 static float values[CASES];
 static float shares[CASES]; /* true share of the window that is lit */
 
-/* A window's texels, clamped to nothing beyond the border: "no caster", depth 1. */
+/* Returns a window's texels; texels beyond the border count as "no caster", depth 1. */
 static double texel(int x, int y)
 {
     return x < 0 || y < 0 || x >= SIDE || y >= SIDE ? 1.0 : (double)depth[y][x];
@@ -86,7 +86,7 @@ static double run_trial(const struct umb_map_settings *settings, double *below, 
     return sum / CASES;
 }
 
-/* Upper bounds are not below the truth by more than the slack that the map states. */
+/* Upper bounds may not be below the truth by more than the slack that the map states. */
 static void upper_bounds_hold_within_their_stated_slack(void **state)
 {
     static const struct trial trials[] = {
@@ -233,8 +233,8 @@ static void variances_equal_long_double_ones_where_rounding_can_be_told_from_the
     assert_true(told > CASES / 4);
 }
 
-/* The contrast C bends the bound: 1 and less keep it, more breaks it by the amount that the header
- * warns of. */
+/* The contrast C bends the bound: values up to 1 keep it, larger ones break it by the amount that
+ * the header states. */
 static void a_contrast_above_1_is_no_bound_any_more(void **state)
 {
     (void)state;

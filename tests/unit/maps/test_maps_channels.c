@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Averaging: halves, tables, chains and logarithms against long double sums. */
+/* Averaging: half floats, tables, chains and logarithms, compared with long double sums. */
 #include "maps_fixture.h"
 #include "maps/map_channels.h"
 #include "maps/map_half.h"
@@ -54,7 +54,8 @@ static void logarithmic_means_neither_overflow_nor_lose_digits(void **state)
     print_message("worst error of a depth: %Lg\n", worst);
     /* exp and log within 1 ulp, sum of four within 4: 8 * 2^-53 of log(sum) / c, c >= 1. */
     assert_true(worst < 2e-15L);
-    /* All weight on the least value: what has no weight has no part, however great. */
+    /* All weight is on the least value: values without weight must have no part, however great they
+     * are. */
     for (double other = -1.0; other <= 1.0; other += 1.0 / 64.0) {
         const double values[2] = {-1.0, other}, weights[2] = {1.0, 0.0};
         assert_true(umb__channel_mean(2000.0, values, weights, 2) == -1.0);
@@ -99,7 +100,7 @@ static long double share(double low, double high, uint32_t texel)
     return b > a ? b - a : 0.0L;
 }
 
-/* The channels of map.c are reached through map_parts.h: this is a test of the inside. */
+/* The channels of map.c are reached through map_parts.h, since this test looks inside. */
 static const struct umb__channels *channels_of(const struct random_map *m)
 {
     return &((const struct umb_map *)m->map)->channels;
@@ -188,7 +189,7 @@ static void chains_refuse_sides_that_do_not_halve(void **state)
     assert_int_equal(umb_map_build(&frustum, &layer, &settings, NULL, &map, NULL), UMB_E_ARGUMENT);
 }
 
-/* A texel of several samples holds the mean of their channels: the first two Chebyshev moments
+/* A texel of several samples must hold the mean of their channels: the first two Chebyshev moments
  * here, and the logarithm of the mean exponential. */
 static void samples_of_a_texel_are_averaged_as_channels(void **state)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deep shadow maps against brute force: products in long double, windows searched texel by texel.
- */
+/* Deep shadow maps, compared with brute force: products in long double, and windows searched texel
+ * by texel. */
 #include "maps_fixture.h"
 #include "maps/deep_parts.h"
 
@@ -16,8 +16,8 @@ static uint64_t first[W * H + 1];
 static double at[POINTS][3];
 static float values[POINTS], others[POINTS];
 
-/* Strands: lists of 0 to `most` fragments in random order, some at equal depths, depths of
- * neighbours alike. */
+/* Makes strands: lists of 0 to `most` fragments in random order, some at equal depths, with similar
+ * depths in neighbouring texels. */
 static struct umb_map_fragments strands(uint64_t seed, int most, int opaque)
 {
     uint64_t used = 0;
@@ -63,7 +63,8 @@ static void ask_deep(const struct umb_map *map, double taps, float *out)
     ask(&query, (const double(*)[3])at, POINTS, out);
 }
 
-/* Product over a texel's fragments before a depth, in any order: exact to long double. */
+/* Computes the product over a texel's fragments before a depth, in any order, exact to long
+ * double. */
 static long double brute_texel(int64_t x, int64_t y, double depth)
 {
     long double left = 1.0L;
@@ -92,7 +93,8 @@ static long double brute(const double p[3], int taps)
     return sum / (taps * taps);
 }
 
-/* All ways, and what they store; off by at most half of 2^-30 a node, and the answer is a float. */
+/* Tests all ways, and what they store. Answers are off by at most half of 2^-30 a node, and are
+ * rounded to floats. */
 static void transmittance_equals_the_product_whatever_the_way(void **state)
 {
     (void)state;
@@ -126,7 +128,8 @@ static void transmittance_equals_the_product_whatever_the_way(void **state)
 static void the_way_follows_the_length_of_lists(void **state)
 {
     (void)state;
-    /* Thin strands leave light behind all of them, so that lists are half of `most` on average. */
+    /* Thin strands leave light behind all of them, so no list ends early, and lists have half of
+     * `most` nodes on average. */
     static const struct {
         int most, thin;
         double exponent;
@@ -204,7 +207,8 @@ static void truncation_costs_less_than_epsilon_and_saves_nodes(void **state)
         ask_deep(map, 5, others);
         umb_map_get_info(map, &info);
         for (int i = 0; i < POINTS; i++) {
-            /* Never darker, and lighter by less than what was left. */
+            /* Answers must not be darker, and may be lighter by less than the light that was
+             * left. */
             assert_true(others[i] >= values[i] && (double)(others[i] - values[i]) < info.slack);
         }
         print_message("epsilon %g keeps %llu nodes\n", epsilon, (unsigned long long)info.fragments);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The failures that the literature knows, each constructed, measured, and beside it the remedy.
- * Figures of docs/explained/techniques.md come from here.
+ * Failures of techniques that the literature describes: each is constructed and measured, and so is
+ * its remedy. Figures of docs/explained/techniques.md come from here.
  */
 #include "maps_fixture.h"
 
@@ -122,13 +122,14 @@ static void fourier_series_ring_and_damping_calms_them(void **state)
     for (uint32_t terms = 8; terms <= 16; terms += 8) {
         const double rings = ringing(terms, 0.0), calm = ringing(terms, 2.0);
         print_message("M = %u: rings by %.4f, damped %.4f\n", terms, rings, calm);
-        /* Gibbs: 9 % beside the step, however many terms; answers are twice the series. */
+        /* Gibbs: the series overshoots by 9 % beside the step, for any number of terms; answers are
+         * twice the series. */
         assert_true(rings > 0.04 && rings < 0.18);
         assert_true(calm < 0.04 && calm < 0.5 * rings);
     }
 }
 
-/* The series comes to the step: mean error over depths around an occluder falls with M. */
+/* The series converges to the step: the mean error over depths around an occluder falls with M. */
 static void more_fourier_terms_are_nearer_to_the_step(void **state)
 {
     (void)state;
@@ -148,7 +149,8 @@ static void more_fourier_terms_are_nearer_to_the_step(void **state)
     }
 }
 
-/* Receivers on a steep plane, asked without bias: the depth plane's second moment lights them. */
+/* Receivers on a steep plane, queried without bias: the depth plane's second moment must light
+ * them. */
 static void second_moment_of_the_depth_plane_lights_steep_planes(void **state)
 {
     (void)state;
@@ -166,7 +168,8 @@ static void second_moment_of_the_depth_plane_lights_steep_planes(void **state)
         const struct umb_map_query query = query_of(map, &plain);
         darkest[plane] = 1.0;
         for (double x = 20.05; x < 40.0; x += 0.1) {
-            /* Boxes of width 1 interpolate: ask where they do not, half a texel off. */
+            /* Boxes of width 1 interpolate, so points are queried half a texel off, where they do
+             * not. */
             const double t = 0.1 + 0.01 * (x + 0.45) + 0.002 * 30.5;
             darkest[plane] = fmin(darkest[plane], ask_one(&query, x, 30.5, t));
         }
@@ -197,7 +200,8 @@ static void flat_receivers_are_lit_at_every_depth_in_every_format(void **state)
         for (int i = 0; i < 60; i++) {
             const float z = (float)(0.001 + 0.998 * random_unit(&seed));
             two_depths(z, z);
-            /* A sixteen-bit channel moves depth by 1/65534; the receiver is asked as it is. */
+            /* A sixteen-bit channel moves depth by up to 1/65534; the receiver's depth is not
+             * rounded. */
             darkest = fmin(darkest, ask_row(&kinds[k], &plain, (double)z).least);
         }
         print_message("%s %d: darkest %.4f\n", umb_map_technique_name(kinds[k].technique),

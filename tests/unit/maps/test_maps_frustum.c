@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frusta there and back, gradients, and everything that must be refused. */
+/* Frusta of maps: points go to map space and back, gradients are right, and invalid frusta are
+ * refused. */
 #include "maps_fixture.h"
 #include "maps/map_receiver.h"
 
@@ -138,7 +139,7 @@ static void what_is_not_a_map_is_refused_by_name(void **state)
                      UMB_E_ARGUMENT);
 }
 
-/* Points of any bits are answered without harm, and outside is lit. */
+/* Points of any bits must be answered safely, and points outside are lit. */
 static void hostile_points_do_no_harm(void **state)
 {
     (void)state;

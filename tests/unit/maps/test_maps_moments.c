@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Moments of translucent casters: the bounds against long double ones that are found another way,
- * and maps against products over all fragments.
+ * Moments of translucent casters: the bounds are compared with long double bounds found in another
+ * way, and maps with products over all fragments.
  */
 #include "maps_fixture.h"
 #include "maps/moment_bound.h"
@@ -22,7 +22,8 @@ struct distribution {
     double at[ATOMS_MAX], share[ATOMS_MAX];
 };
 
-/* One to forty places, one in three times close together, one in three times few. */
+/* Draws one to forty places; in a third of the cases they are close together, in a third they are
+ * few. */
 static void distribution_make(struct distribution *d, uint64_t *seed)
 {
     const double kind = random_unit(seed), most = kind < 0.4 ? 4.0 : ATOMS_MAX;
@@ -55,7 +56,7 @@ static void means_of(const struct distribution *d, uint32_t count, double *means
     }
 }
 
-/* Somewhere, one in three times at a place or close to it. */
+/* Draws a receiver anywhere; in a third of the cases it is at a place or close to one. */
 static double receiver_of(const struct distribution *d, uint64_t *seed)
 {
     const double r = random_unit(seed), near = random_unit(seed);
@@ -66,7 +67,7 @@ static double receiver_of(const struct distribution *d, uint64_t *seed)
     return fmin(fmax(t, -1.0), 1.0);
 }
 
-/* The mixture that is solved, place by place, and its recurrence by Stieltjes' procedure. */
+/* The mixture that the code solves, place by place, and its recurrence by Stieltjes' procedure. */
 struct mixture {
     int degree;
     long double at[PLACES], share[PLACES];
@@ -110,7 +111,7 @@ static void mixture_make(const struct distribution *d, double bias, int degree, 
     }
 }
 
-/* Jacobi's matrix with t among its places: which lie below x, by Sturm's count. */
+/* Jacobi's matrix with t among its places; Sturm's count tells how many places lie below x. */
 static int places_below(const struct mixture *m, long double corner, long double x)
 {
     long double pivot = 1.0L;
@@ -136,7 +137,7 @@ static long double mass_of(const struct mixture *m, long double x)
     return 1.0L / sum;
 }
 
-/* The least share before t: places by halving, in long double. */
+/* Finds the least share before t: places by bisection, in long double. */
 static long double slow_before(const struct mixture *m, double t)
 {
     long double last = 0.0L, here = 1.0L, sum = 0.0L;
@@ -163,7 +164,8 @@ static long double slow_before(const struct mixture *m, double t)
     return sum;
 }
 
-/* How far bounds of random distributions are off the slow ones, at worst; 20 receivers of each. */
+/* Finds how far the bounds of random distributions are off the slow ones, at worst, for 20
+ * receivers each. */
 static long double worst_before(uint32_t count, double bias, int distributions, uint64_t *seed)
 {
     static struct mixture m;
@@ -200,8 +202,8 @@ static void bounds_equal_long_double_ones(void **state)
     }
 }
 
-/* The least that the second part's density falls to, in parts of the arcsine's, where means of so
- * many moments are off by e each, whatever the signs. */
+/* Returns the least density of the mixture's second part, relative to the arcsine distribution, if
+ * each of so many means is off by e with any sign. */
 static double least_density(uint32_t count, double e, double bias)
 {
     double least = 1.0;
@@ -218,8 +220,8 @@ static double least_density(uint32_t count, double e, double bias)
     return least;
 }
 
-/* As moment_bound.h argues: errors leave a half of the density and no more, since a larger bias is
- * off by more than it must. */
+/* As moment_bound.h argues, errors leave at least half of the density. The bias must leave no more
+ * than that, since a larger bias costs accuracy. */
 static void the_bias_is_the_least_that_errors_want(void **state)
 {
     (void)state;
@@ -232,8 +234,8 @@ static void the_bias_is_the_least_that_errors_want(void **state)
     }
 }
 
-/* Without errors of means, those of doubles are left: the bias keeps them, and itself, far below
- * what a byte of an answer tells apart. */
+/* Without errors of the means there is only the rounding of doubles. The bias keeps its effect, and
+ * the bias itself, far below a step of a byte answer. */
 static void doubles_have_the_bias_that_they_want(void **state)
 {
     (void)state;
@@ -246,8 +248,7 @@ static void doubles_have_the_bias_that_they_want(void **state)
     }
 }
 
-/* No distribution lies outside of its bounds by more than the bias, whatever its means are off by.
- */
+/* No distribution may lie outside its bounds by more than the bias, for any errors of its means. */
 static void distributions_lie_within_their_bounds(void **state)
 {
     (void)state;
@@ -279,7 +280,7 @@ static void distributions_lie_within_their_bounds(void **state)
             }
             print_message("%u moments, bias %.2g: %.2g and %.2g outside, %.3f wide\n", count, bias,
                           low, high, gap);
-            /* Beside the bias: rounding by 2^-53 over the least norm, bias 4^-K. */
+            /* In addition to the bias: rounding by 2^-53 over the least norm, bias 4^-K. */
             const double rounding = 0x1p-50 * pow(4.0, count / 2) / bias;
             assert_true(low < bias + rounding && high < bias + 4.0 * sqrt(rounding) * bias + 1e-6);
         }
@@ -398,7 +399,8 @@ static void light_is_never_below_the_products_and_nearer_with_more_moments(void 
     assert_true(tables.below <= tables.info.slack + 1e-6);
 }
 
-/* Who asks for less bias than the format's errors want is told that nothing is promised. */
+/* A caller that sets a smaller bias than the format's errors need must be told that nothing is
+ * promised. */
 static void a_bias_below_what_the_format_needs_has_no_slack_to_state(void **state)
 {
     (void)state;
@@ -423,7 +425,8 @@ static void a_bias_below_what_the_format_needs_has_no_slack_to_state(void **stat
     umb_map_destroy(map);
 }
 
-/* Down to the least number there is: what such a bias bounds is nothing, but a share stays one. */
+/* Also with the least number there is as bias: the bounds then mean nothing, but a share stays
+ * between 0 and 1. */
 static void a_bias_next_to_none_still_gives_shares(void **state)
 {
     (void)state;
@@ -448,8 +451,8 @@ static void a_bias_next_to_none_still_gives_shares(void **state)
     }
 }
 
-/* Texel by texel absorbance bounds light as well, and behind everything it is nearly exact; over
- * a filter it is too dark, as the logarithm of a mean is not the mean of logarithms. */
+/* For single texels ABSORBANCE bounds the light too, and behind all casters it is nearly exact.
+ * With a filter it is too dark, because the logarithm of a mean is not the mean of logarithms. */
 static void absorbance_is_a_bound_in_a_texel_and_exact_behind_all(void **state)
 {
     (void)state;
@@ -475,7 +478,7 @@ static void absorbance_is_a_bound_in_a_texel_and_exact_behind_all(void **state)
     assert_true(behind.mean < 0.01);
 }
 
-/* What is overestimated lies between the bounds, and is nearer to the middle of them. */
+/* Answers with `overestimate` must lie between the bounds, and nearer to the middle of them. */
 static void overestimating_trades_light_for_a_smaller_error(void **state)
 {
     (void)state;
@@ -491,7 +494,7 @@ static void overestimating_trades_light_for_a_smaller_error(void **state)
     }
 }
 
-/* log(0): an opaque caster leaves 2^-10 at most, and nothing of what lies behind it counts. */
+/* log(0): an opaque caster counts as leaving 2^-10, and nothing behind it counts. */
 static void opaque_casters_are_dark_within_the_stated_bound(void **state)
 {
     (void)state;
@@ -521,7 +524,7 @@ static void opaque_casters_are_dark_within_the_stated_bound(void **state)
     }
 }
 
-/* Fully opaque lists are shadow maps: four moments of both are the same numbers. */
+/* Lists of opaque fragments are shadow maps: four moments of both must be the same numbers. */
 static void opaque_lists_have_the_moments_of_a_shadow_map(void **state)
 {
     (void)state;

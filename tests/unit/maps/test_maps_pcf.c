@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shadow maps, their biases and kernels, penumbrae: against plain loops and geometry. */
+/* Shadow maps, their biases and kernels, and penumbras: compared with plain loops and with
+ * geometry. */
 #include "maps_fixture.h"
 #include "maps/map_parts.h"
 
@@ -31,7 +32,7 @@ static uint64_t scatter(uint64_t seed)
     return seed;
 }
 
-/* A texel by the header's words, stored with 1/(2^bits - 1) steps (0: as it is). */
+/* Computes a texel as the header defines it, stored with 1/(2^bits - 1) steps (0: not rounded). */
 static int plain_texel(int64_t x, int64_t y, double depth, int bits)
 {
     if (x < 0 || y < 0 || x >= W || y >= H || layer[y][x] == 1.0F) {
@@ -87,7 +88,7 @@ static void boxes_count_the_texels_that_plain_loops_count(void **state)
     }
 }
 
-/* A plane z = z0 + a x + b y, rendered at texel centres, asked about itself. */
+/* A plane z = z0 + a x + b y, rendered at texel centres, and queried at its own points. */
 struct slope_case {
     double z0, a, b;
     struct umb_map_filter filter;
@@ -276,7 +277,8 @@ static void penumbra_of_a_spot_light_follows_similar_triangles(void **state)
     umb_map_destroy(map);
 }
 
-/* Share of a box of real width that lies over lit texels, by plain loops over small squares. */
+/* Computes the share of a box of real width that lies over lit texels, by plain loops over small
+ * squares. */
 static double box_share(double x, double y, double width, double depth)
 {
     enum {
@@ -332,8 +334,8 @@ static void bilinear_boxes_weigh_texels_by_their_share(void **state)
     umb_map_destroy(map);
 }
 
-/* The penumbra's width in texels at a point of map space without normals: the mean depth of the
- * blockers under the widest window, then similar triangles. */
+/* Computes the penumbra's width in texels at a point of map space without normals: the mean depth
+ * of the blockers under the widest window, then similar triangles. */
 static double penumbra_of(double x, double y, double depth, double light, double nearest)
 {
     const double spread = 2.0 * tan(0.5 * light) * 100.0; /* texels are metres, depth is 100 m */
@@ -353,7 +355,7 @@ static double penumbra_of(double x, double y, double depth, double light, double
     return count > 0 ? fmin(fmax(spread * (depth - sum / count), 1.0), 64.0) : 0.0;
 }
 
-/* A filtered map with its depths asks the window that the penumbra spans, and nothing else. */
+/* A filtered map with its depths must answer with the window that the penumbra spans. */
 static void filtered_maps_ask_the_window_of_the_penumbra(void **state)
 {
     (void)state;
@@ -419,7 +421,7 @@ static void filtered_maps_ask_the_window_of_the_penumbra(void **state)
     assert_int_equal(umb_map_build(&frustum, &in, &bad, NULL, &map, NULL), UMB_E_UNSUPPORTED);
 }
 
-/* The trilinear level of a penumbra is that of a box as wide. */
+/* The trilinear level of a penumbra must be that of a box of the same width. */
 static void chains_take_the_level_of_the_penumbra(void **state)
 {
     (void)state;

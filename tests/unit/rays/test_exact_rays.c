@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rays in doubles: every hit against long double over all triangles, far from the world's origin
- * and closer to edges than floats resolve; no light through a watertight mesh.
+ * Rays in doubles: every hit is compared with long double over all triangles, far from the world's
+ * origin and closer to edges than floats resolve. No ray may pass through a watertight mesh.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,8 +21,8 @@ typedef double triangle[3][3];
 
 static const double far_origin[3] = {2600000, 1200000, 400};
 
-/* Share of `way` at which a ray meets a triangle; NAN if it does not, or so nearly at an edge or at
- * its start that 1e-12 metres would change the answer. */
+/* Returns the share of `way` at which a ray meets a triangle; NAN if it misses, or is so near to an
+ * edge or to its start that 1e-12 metres would change the answer. */
 static long double meet(const triangle v, const struct umbr_exact_ray *ray, int *is_close)
 {
     long double at[3][3], sum = 0, edge[3], least = INFINITY;
@@ -61,7 +61,7 @@ static void random_ray(uint64_t *seed, const triangle *soup, size_t count,
 {
     const double(*v)[3] = soup[next_random(seed) % count];
     const double b = random_unit(seed), c = (1 - b) * random_unit(seed);
-    /* Aimed at a place up to 1e-10 m beside an edge or anywhere in a triangle. */
+    /* Aims a ray at a place up to 1e-10 m beside an edge, or anywhere in a triangle. */
     const double beside = next_random(seed) & 1 ? 0 : 1e-10 * (2 * random_unit(seed) - 1);
     double length = 0;
     ray->origin = far_origin;
@@ -161,7 +161,7 @@ static void nothing_passes_through_a_watertight_mesh(void **state)
         umbr_exact_create((const triangle *)ball, mesh.triangle_count, NULL, 1, &exact, NULL),
         UMB_OK);
     for (int n = 0; n < case_count(short_count(200000, 20000)); n++) {
-        /* From the middle to corners and to places on edges. */
+        /* Aims rays from the middle at corners and at places on edges. */
         const double(*v)[3] = (const double(*)[3])ball[next_random(&seed) % mesh.triangle_count];
         const double share = next_random(&seed) & 1 ? 0 : random_unit(&seed);
         struct umbr_exact_ray ray = {.origin = far_origin, .far_m = INFINITY};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Translucent surfaces along rays, against all triangles met one by one in long double. */
+/* Translucent surfaces along rays, compared with all triangles met one by one in long double. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -42,7 +42,7 @@ static long double passes_at(const struct cut_scene *s, uint32_t material, long 
     return 1.0L - alpha * (1.0L - (long double)m->transmission);
 }
 
-/* Meets all triangles of translucent materials above a place; -1: an edge is too near to tell. */
+/* Finds all triangles of translucent materials above a place; -1: an edge is too near to decide. */
 static int meet(const struct cut_scene *s, const double from[3], double far, struct met *out)
 {
     int count = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rays through triangles with holes meet what the texture keeps, and nothing else. */
+/* Rays through triangles with holes must meet what the texture keeps, and nothing else. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

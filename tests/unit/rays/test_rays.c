@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tracing against a slow double-precision tracer, and the count of crossings in nested solids. */
+/* Tracing, compared with a slow tracer in doubles, and the count of crossings in nested solids. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

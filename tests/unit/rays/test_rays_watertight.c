@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How tight the truth is: rays aimed at edges of a closed ball, whose corners stand out by random
- * lengths, never pass. Of those aimed at a corner one in 10^4 does: Embree's robust test gives the
- * two sides of an edge opposite signs, and nothing ties the edges around a corner together. Hence
- * bakes, which are watertight at corners too
- * (test_coverage_watertight), never take coverage from it. UMBRAGE_CASES=100000000 tries as many.
+ * Leaks of Embree, on a closed ball whose corners stand out by random lengths. A ray aimed at an
+ * edge never passes. Of the rays aimed at a corner one in 10^4 passes: Embree's robust test gives
+ * the two sides of an edge opposite signs, but nothing does the same for the edges around a corner.
+ * Bakes are watertight at corners, too (test_coverage_watertight), so they never take coverage from
+ * Embree. UMBRAGE_CASES=100000000 tries as many rays.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +64,7 @@ static void make_ball(triangle *ball)
     assert_int_equal(n, TRIANGLES);
 }
 
-/* A corner, or a place on an edge. */
+/* Draws a corner, or a place on an edge. */
 static void random_target(uint64_t *seed, triangle *ball, int is_corner, double target[3])
 {
     const uint64_t pick = next_random(seed);
@@ -76,7 +76,7 @@ static void random_target(uint64_t *seed, triangle *ball, int is_corner, double 
     }
 }
 
-/* From within towards a target. Every ray from inside a closed ball must meet it. */
+/* Shoots a ray from inside towards a target. Every ray from inside a closed ball must meet it. */
 static int passes_from_inside(uint64_t *seed, const struct umbr_rays *rays, triangle *ball,
                               int is_corner)
 {
@@ -93,9 +93,9 @@ static int passes_from_inside(uint64_t *seed, const struct umbr_rays *rays, tria
     return !umbr_occluded(rays, from, direction, 0, INFINITY);
 }
 
-/* Eight parallel rays from outside, each through a target; those whose line passes within half a
- * metre of the middle must meet the ball, which holds a smaller one. Returns how many were judged.
- */
+/* Shoots eight parallel rays from outside, each through a target. Rays whose line passes within
+ * half a metre of the middle must meet the ball, since the ball contains a smaller one. Returns the
+ * number of such rays. */
 static int judge_packet(uint64_t *seed, const struct umbr_rays *rays, triangle *ball, int is_corner,
                         int *passed)
 {
@@ -127,7 +127,8 @@ static int judge_packet(uint64_t *seed, const struct umbr_rays *rays, triangle *
     return judged;
 }
 
-/* Rays that pass of `wanted`, aimed at corners or edges, alone and by eight. */
+/* Counts the rays that pass, of `wanted` rays aimed at corners or edges, one at a time and eight at
+ * a time. */
 static int count_passed(int wanted, int is_corner)
 {
     static triangle ball[TRIANGLES];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Verification against rays, on assets made voxel by voxel from traced truth: a faithful asset
- * passes, and each kind of wrong one is found.
+ * Verification by rays, on assets made voxel by voxel from traced truth: a right asset must pass,
+ * and each kind of wrong asset must be found.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,7 +26,7 @@ enum {
     POINTS = 60000,
 };
 
-/* Far out, so that anything that loses doubles on the way fails. */
+/* Far from the origin, so that a step that loses the precision of doubles fails. */
 static const double scene_origin[3] = {500000, 4200000, 120};
 static const double sun[3] = {0.48, -0.6, -0.64};
 static const double other_sun[3] = {-0.6, -0.48, -0.64};
@@ -240,7 +240,8 @@ static void closed_asset_is_judged_outside_its_solids_only(void **state)
     assert_int_equal(result.points, POINTS);
     assert_true(result.skipped_inside > 100);
     assert_int_equal(result.outside_band, 0);
-    /* Told that nothing is closed it must see the noise inside: the leaving out is what passes. */
+    /* Told that nothing is closed, verification must see the noise inside: only leaving out closed
+     * solids lets it pass. */
     result = verify(asset, NULL, 0, 43);
     assert_int_equal(result.skipped_inside, 0);
     assert_true(result.outside_band > 0);
@@ -252,7 +253,8 @@ static void planted_wrong_voxels_are_outside_the_band(void **state)
 {
     (void)state;
     struct bytes bytes = {0};
-    /* 64 lone voxels of 262144: half of 60000 uniform points meet seven, walks meet more. */
+    /* 64 single voxels of 262144: half of 60000 uniform points would meet seven of them, walks meet
+     * more. */
     struct umb_asset *asset = make(sun, sun, (struct recipe){.planted = 1}, 0, &bytes);
     struct umbr_verify_result result = verify(asset, NULL, 0, 44);
     assert_true(result.outside_band > 0);
@@ -365,14 +367,14 @@ static void asset_without_any_shadow_boundary_still_gets_its_points(void **state
     struct umb_asset *asset = open_packed(&content, &octree, &bytes);
     struct umbr_verify_result result = verify(asset, NULL, 2, 1);
     assert_int_equal(result.points, POINTS);
-    /* No change in the asset, so what is near a boundary is near a surface that rays found. */
+    /* The asset is lit everywhere, so a point near a boundary is near a surface that rays found. */
     assert_true(result.near_boundary > 0);
     assert_true(result.outside_band > 0); /* it is lit where the slab's shadow should be */
     umb_asset_close(asset);
     bytes_finish(&bytes);
 }
 
-/* A sheet that calls itself closed does not make its shadow undefined. */
+/* A sheet that claims to be closed must not make its shadow undefined. */
 static void open_sheet_marked_closed_excuses_nothing(void **state)
 {
     (void)state;

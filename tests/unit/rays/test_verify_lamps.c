@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Verification of lamps next to a surface, where voxels are smaller than the resolution of floats:
- * right voxels are never judged wrong, and wrong ones are found.
+ * right voxels must never be judged wrong, and wrong ones must be found.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -139,8 +139,8 @@ static void wrong_voxels_next_to_a_lamp_are_found(void **state)
         const struct lamp deeper = {places[i].height, places[i].depth, .deeper = 2};
         const struct lamp higher = {places[i].height, places[i].depth, .deeper = -2};
         const struct lamp planted = {places[i].height, places[i].depth, .planted = 1};
-        /* Of the points near the floor, within 4 voxels, an eighth lies in what is wrong and not in
-         * the band. Rays in floats would put them into it. */
+        /* Of the points near the floor, within 4 voxels, an eighth lies in wrong voxels outside the
+         * band. Rays in floats would put them into the band. */
         assert_true(verify(&deeper).outside_band > POINTS / 2 / 10);
         assert_true(verify(&higher).outside_band > POINTS / 2 / 10);
         const struct umbr_verify_result result = verify(&planted);
@@ -150,7 +150,7 @@ static void wrong_voxels_next_to_a_lamp_are_found(void **state)
     }
 }
 
-/* A face that is not there has no voxels: the light below the floor is found all the same. */
+/* A missing face has no voxels: the light below the floor must be found all the same. */
 static void a_missing_face_is_found(void **state)
 {
     (void)state;

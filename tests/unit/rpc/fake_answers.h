@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_FAKE_ANSWERS_H
 #define UMBRAGE_TESTS_FAKE_ANSWERS_H
 /*
- * What the server of fake_server.h answers to each method. The asset's name in a query says how it
- * is answered.
+ * What the server of fake_server.h answers to each method. The name of the asset in a query selects
+ * the answer.
  *
  * Names: ok not-found reset refuse refuse-once goaway-once silent garbage over-long http-503 html
  * no-status no-message two-messages short compressed drop drop-inside bomb status-999 shed too-many
@@ -200,9 +200,9 @@ static void fake_health(struct fake_stream *stream)
     fake_append_buffer(stream, &buffer);
 }
 
-/* Segments: of segment i share i is lit, in i intervals, each from its number on; "lies" tells one
- * interval less than it counts, "few" answers one segment less. Other questions get an empty reply.
- * Returns false for "silent", which gets none. */
+/* Answers segments: `lit` of segment i is i, in i intervals, each of which begins at its number.
+ * "lies" sends one interval less than it counts, "few" answers one segment less. Other volume
+ * queries get an empty reply. Returns false for "silent", which gets no reply. */
 static bool fake_segments(struct fake_stream *stream)
 {
     struct umbw_volume_query_request request;
@@ -240,9 +240,9 @@ static bool fake_segments(struct fake_stream *stream)
     return true;
 }
 
-/* Samples: the point numbers of the request's count and seed; "few" a point less and a note, "lies"
- * a point more, "far" one that is infinitely far away. Returns false for "silent", which gets no
- * answer. */
+/* Answers samples: points made from the request's count and seed. "few" sends a point less and a
+ * note, "lies" a point more, "far" one that is infinitely far away. Returns false for "silent",
+ * which gets no answer. */
 static bool fake_sample(struct fake_stream *stream)
 {
     struct umbw_sample_request request;
@@ -274,8 +274,8 @@ static bool fake_sample(struct fake_stream *stream)
     return strcmp(request.asset, "silent") != 0;
 }
 
-/* Jobs: all but those of "silent" are done after a status on the way; an asset is "0123456789" in
- * two pieces. Returns false if nothing is answered. */
+/* Answers calls about jobs: a job is done after one status in between, except one of "silent". An
+ * asset is "0123456789" in two pieces. Returns false if nothing is answered. */
 static bool fake_jobs(struct fake_stream *stream)
 {
     struct umbw_buffer buffer = {NULL, 0, 0};
@@ -352,9 +352,9 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
     }
 }
 
-/* Answers the requests of a QueryStream that are there. "silent" and what follows get no answer,
- * "not-found" ends the stream, "away" ends it as a server that shuts down, "drop" the connection.
- */
+/* Answers the requests of a QueryStream that have arrived. "silent" and all later requests get no
+ * answer, "not-found" ends the stream, "away" ends it as a server that shuts down, "drop" the
+ * connection. */
 static void fake_stream_respond(struct fake_connection *connection, struct fake_stream *stream)
 {
     struct umbw_query_request request;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #ifndef UMBRAGE_TESTS_FAKE_REPLY_H
 #define UMBRAGE_TESTS_FAKE_REPLY_H
-/* What the server of fake_server.h keeps of its connections and streams, and what its replies are
- * made of: headers, data, trailers. */
+/* State that the server of fake_server.h keeps for its connections and streams, and the parts of
+ * its replies: headers, data, trailers. */
 #include <nghttp2/nghttp2.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -134,7 +134,7 @@ static void fake_trailers_only(struct fake_connection *connection, int32_t id, c
     (void)nghttp2_submit_response(connection->session, id, headers, 4, NULL);
 }
 
-/* A status with a hint when to come again. */
+/* Sends a status with retry pushback: how long the client should wait. */
 static void fake_hint(struct fake_connection *connection, int32_t id, const char *status,
                       const char *pushback)
 {

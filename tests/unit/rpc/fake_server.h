@@ -175,7 +175,7 @@ static void fake_session(struct fake_connection *connection)
             continue; /* what came when it was frozen is not read */
         }
         ssize_t count = recv(connection->socket, block, 65536, 0);
-        /* Who said goodbye only reads on until the other side hangs up. */
+        /* A server that has sent GOAWAY only reads on until the client hangs up. */
         if (count <= 0 || (!server->goodbye && nghttp2_session_mem_recv(connection->session, block,
                                                                         (size_t)count) < 0)) {
             break;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The client against a server that answers well, badly, late or not at all. SIGPIPE keeps its
- * default action here: a client that raised it would end the test.
+ * The client with a server that answers well, badly, late or not at all. SIGPIPE keeps its default
+ * action here: a client that raised it would end the test.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -48,7 +48,7 @@ static struct umb_client *open_client(const char *address, const struct umb_clie
     return client;
 }
 
-/* Asks and gives back the status; the message goes to *error. */
+/* Queries and returns the status; the message goes to *error. */
 static enum umb_status ask(struct umb_client *client, const char *asset, uint32_t timeout_ms,
                            struct umb_error *error)
 {
@@ -283,7 +283,7 @@ static void a_peer_that_vanished_costs_one_deadline_not_all(void **state)
     assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
     atomic_store(&server.frozen, true);
     assert_int_equal(ask(client, "ok", 100, &error), UMB_E_DEADLINE);
-    /* Calls under way when the connection is given up end then, not at their own deadline. */
+    /* Calls under way when the connection is given up must end then, not at their own deadline. */
     double start = now_s();
     assert_int_equal(ask(client, "ok", 5000, &error), UMB_E_UNAVAILABLE);
     assert_non_null(strstr(error.message, "sign of life"));
@@ -321,7 +321,7 @@ static void an_expired_call_frees_its_stream(void **state)
     (void)state;
     fake_start(&server, 0, address);
     struct umb_client *client = open_client(address, NULL);
-    /* The only stream is given up at the deadline, so that the next call can have it. */
+    /* The only HTTP/2 stream is given up at the deadline, so that the next call can have it. */
     assert_int_equal(ask(client, "silent", 50, &error), UMB_E_DEADLINE);
     assert_int_equal(ask(client, "ok", 2000, &error), UMB_OK);
     umb_client_close(client);
@@ -387,7 +387,7 @@ static enum umb_status never_got(void *user, size_t number, const void *bytes, s
     return UMB_E_INTERNAL;
 }
 
-/* A read that cannot begin says why, as one that the server fails does. */
+/* A read that cannot begin must say why, as one that the server fails does. */
 static void assert_region_is_busy(struct umb_client *client)
 {
     const struct umb_range range = {0, 100};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a server says of itself and its assets: list, description, limits, health. */
+/* Descriptions of a server and its assets: list, description, limits, health. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -108,7 +108,7 @@ static void a_description_comes_to_a_callback(void **state)
     assert_string_equal(chain.second->settings, "");
     umb_free(first);
     umb_free(chain.second);
-    /* What fails at once does not come to the callback. */
+    /* A failure that is returned at once must not also be reported to the callback. */
     end.calls = 0;
     assert_int_equal(umb_client_describe(peer->client, "", &first, &chain.async, &error),
                      UMB_E_ARGUMENT);

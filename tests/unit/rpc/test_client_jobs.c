@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Calls about jobs, waited for and left to a callback: the same ends, and the same results. */
+/* Calls about jobs, both blocking and with a callback: the same statuses and the same results. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -38,7 +38,7 @@ static int part(void **state)
     return 0;
 }
 
-/* How the call went: as it returned, or as its callback said. */
+/* Status of the call: as returned, or as its callback got it. */
 static enum umb_status ended(struct peer *peer, bool async, enum umb_status status)
 {
     if (async && status == UMB_OK) {
@@ -148,7 +148,7 @@ static void a_watch_is_cancelled_by_its_number(void **state)
     assert_int_equal(umb_client_cancel(peer->client, async.call, NULL), UMB_OK);
     assert_int_equal(ended(peer, true, UMB_OK), UMB_E_CANCELLED);
     assert_int_equal(seen, 0);
-    /* Closing the client ends what goes on by itself, once. */
+    /* Closing the client must end by itself every call under way, once. */
     assert_int_equal(umb_client_watch(peer->client, "silent", on_status, &seen, &async, NULL),
                      UMB_OK);
     umb_client_close(peer->client);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Samples asked of servers that answer well and badly. */
+/* Samples requested from servers that answer well and badly. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Queries over a stream: in order, each with its own end, over a server that answers, refuses,
- * falls silent or goes away.
+ * Queries over a stream: they end in order, each with its own status, with a server that answers,
+ * refuses, falls silent or goes away.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,7 @@ enum {
     MANY = 200
 };
 
-/* What came back for one of several queries. */
+/* The result of one of several queries. */
 struct answer {
     struct answers *all;
     enum umb_status status;
@@ -216,7 +216,7 @@ static void closing_a_stream_cancels_its_requests_and_no_others(void **state)
     for (unsigned k = 0; k < 7; k++) {
         assert_int_equal(answers.of[k].status, k < 5 ? UMB_E_CANCELLED : UMB_OK);
     }
-    /* A client that is closed takes along what its streams have under way. */
+    /* Closing a client must end the queries under way on its streams. */
     start(peer.client, other, 7, "silent", 0);
     part(&peer);
     assert_int_equal(answers.of[7].status, UMB_E_CANCELLED);

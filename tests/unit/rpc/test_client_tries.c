@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which replica is asked, what is asked again, how often and when it is given up. */
+/* The choice of a replica, which calls are retried, how often, and when the client gives up. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -134,7 +134,8 @@ static void a_server_that_fails_everything_is_not_asked_thrice_as_much(void **st
     fake_stop(&server);
 }
 
-/* Which server an asset went to, by the request that it counted; all must be answered. */
+/* Returns the server to which an asset's query went, by the requests that servers counted; all must
+ * be answered. */
 static void find_places(struct umb_client *client, struct fake_server *servers, int place[ASSETS])
 {
     for (int asset = 0; asset < ASSETS; asset++) {

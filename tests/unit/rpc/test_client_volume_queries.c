@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Segments, columns and boxes asked of servers that answer well and badly. */
+/* Segments, columns and boxes requested from servers that answer well and badly. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The snippet of docs/guide/embedding.md that asks a daemon, compiled and run; a test compares the
- * texts. */
+/* The snippet of docs/guide/embedding.md that queries a daemon, compiled and run; a test compares
+ * the texts. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Threads that query a region between two updates; `make config=tsan` finds what they must not do.
- */
+/* Threads that query a region between two updates; `make config=tsan` finds data races. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Ranges of rectangles against a loop over their texels. */
+/* Compares the ranges of alpha in rectangles with a loop over their texels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

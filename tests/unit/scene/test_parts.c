@@ -113,7 +113,7 @@ static void cube_without_a_face_tells_where_the_hole_is(void **state)
     assert_int_equal(parts.parts[0].nonmanifold_edges, 0);
     assert_int_equal(parts.parts[0].inconsistent_edges, 0);
     assert_true(parts.parts[0].hole[0] == 2.0);
-    /* A midpoint of an edge of that face: one of y and z is halfway, the other at an end. */
+    /* A midpoint of an edge of that face: one of y and z is halfway, the other is at an end. */
     assert_true((parts.parts[0].hole[1] == 1.0) != (parts.parts[0].hole[2] == 1.0));
     char text[128];
     umbs_part_reason(&parts.parts[0], text, sizeof text);
@@ -193,7 +193,7 @@ static void cavity_inside_a_solid_is_left_alone(void **state)
     umbs_parts_finish(&parts);
 }
 
-/* Against the definition itself, box by box, on many random boxes. */
+/* Compares with the definition itself, box by box, on many random boxes. */
 static void cavities_among_many_solids_match_direct_comparison(void **state)
 {
     (void)state;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes in boxes: the tree says what comparing with each says, and a hostile pile ends early. */
+/* Boxes in boxes: the tree must give the same result as comparing each with each, and a hostile
+ * pile must end early. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -67,7 +68,7 @@ static void scattered_boxes_match_direct_comparison(void **state)
     umbs_nest_finish(&nest);
 }
 
-/* Plates that cross: any two of them together reach around the box, none does alone. */
+/* Plates that cross: any two of them together enclose the box's middle, none does alone. */
 static void crossing_plates_end_in_the_cautious_answer(void **state)
 {
     (void)state;
@@ -85,7 +86,7 @@ static void crossing_plates_end_in_the_cautious_answer(void **state)
         }
         struct umbs_nest nest;
         assert_int_equal(umbs_nest_init(&nest, plates, counts[n]), 1);
-        /* Few enough to look at all; too many. */
+        /* Numbers of boxes: few enough to compare all, and too many for that. */
         assert_int_equal(umbs_nest_holds(&nest, &box), counts[n] > UMBS_NEST_STEPS_MAX);
         umbs_nest_finish(&nest);
         free(plates);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The generated scenes keep their promises: closed where they say so, and equal in every format. */
+/* The generated scenes must keep their promises: closed where they say so, and equal in every
+ * format. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -115,7 +116,7 @@ static void ball_is_closed_at_every_detail(void **state)
             UMB_OK);
         assert_int_equal(parts.part_count, 1);
         assert_true(parts.parts[0].closed && parts.parts[0].volume > 0);
-        /* Below the ball's own volume, above the octahedron's. */
+        /* The volume must be below the ball's own and above the octahedron's. */
         assert_true(parts.parts[0].volume < 523.6 && parts.parts[0].volume > 166.6);
         umbs_parts_finish(&parts);
         free(corners);

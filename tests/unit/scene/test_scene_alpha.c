@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Samples of alpha, and which triangles count as whole, cut or gone. */
+/* Samples of alpha, and which triangles count as whole, cut, or gone (no part casts). */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -53,7 +53,8 @@ static void coordinates_far_outside_stay_in_the_image(void **state)
     }
 }
 
-/* Samples a triangle all over: bits 1 (something casts), 2 (something does not). */
+/* Samples a triangle all over. Returns bit 1 if something casts, and bit 2 if something does
+ * not. */
 static int sample_triangle(const struct cut_scene *s, size_t triangle)
 {
     const struct umbs_material *m = &s->materials[s->meshes[triangle].material];
@@ -121,8 +122,8 @@ static void the_share_is_that_of_the_texels_below_the_cut_off(void **state)
     (void)state;
     static struct cut_scene s;
     cut_scene_init(&s, 1);
-    /* Two triangles that show the image once: 160 texels of each row of ten are whole, so many
-     * gone, half of the rest below. */
+    /* Two triangles that show the image once. The left quarter of the image is whole, the right
+     * quarter is gone, and half of the rest is below the cut-off. */
     static const double corners[2][3][3] = {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}},
                                             {{1, 0, 0}, {1, 1, 0}, {0, 1, 0}}};
     static const float uv[2][3][2] = {{{0, 0}, {1, 0}, {0, 1}}, {{1, 0}, {1, 1}, {0, 1}}};
@@ -141,7 +142,8 @@ static void the_share_is_that_of_the_texels_below_the_cut_off(void **state)
     umbs_cuts_finish(&cuts);
 }
 
-/* Repeats whose number a side of the triangle divides would always be met at the same phase. */
+/* Repeats of a texture whose number a triangle's side divides would always be met at the same
+ * phase. */
 static void the_share_of_a_texture_that_repeats_is_not_that_of_one_texel(void **state)
 {
     (void)state;

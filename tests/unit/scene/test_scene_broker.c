@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files by name over a socket, with an importer that behaves and one that does not. */
+/* Files requested by name over a socket, by an importer that behaves and by one that does not. */
 #define _GNU_SOURCE /* O_PATH */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -82,7 +82,7 @@ static void a_file_beneath_the_folder_is_handed_over(void **state)
 
 static atomic_int renaming;
 
-/* Renames a file to and fro until told to stop; renames as such, wherever they happen. */
+/* Renames a file back and forth until told to stop. */
 static void *rename_on_and_on(void *unused)
 {
     (void)unused;

@@ -30,8 +30,8 @@ static enum umb_status append_bytes(void *user, const void *data, size_t count)
     return UMB_OK;
 }
 
-/* Two meshes (a quad with uvs, a triangle), three instances, a material of each mode, two lights,
- * a texture. Small, but every section has something in it. */
+/* Two meshes (a quad with uvs, a triangle), three instances, a material of each mode, two lights, a
+ * texture. It is small, but no section is empty. */
 static void build(struct umbs_scene_builder *builder)
 {
     struct umb_error error;
@@ -125,8 +125,8 @@ static void flatten_multiplies_instances_and_turns_mirrored_ones(void **state)
     assert_int_equal(umbs_scene_flatten(&view, &corners, &materials, &count, NULL), UMB_OK);
     assert_int_equal(count, 4);
     static const double first[3][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}};
-    /* The last one is mirrored in x: corners 1 and 2 have changed places. All sums are exact but
-     * for 0.1 * -2 + 10, which doubles round to the nearest of 9.8. */
+    /* The last instance is mirrored in x, so its corners 1 and 2 are exchanged. All sums are exact
+     * except 0.1 * -2 + 10, which doubles round to the nearest of 9.8. */
     static const double last[3][3] = {{10, 20, 35}, {10, 20.25, 35}, {9.8, 20, 35}};
     assert_memory_equal(corners[0], first, sizeof(first));
     assert_memory_equal(corners[3], last, sizeof(last));
@@ -157,7 +157,7 @@ static void view_rejects_every_prefix(void **state)
     free(bytes.data);
 }
 
-/* Whatever passes must be safe to use: flatten and hash touch all of it under ASan. */
+/* Whatever passes validation must be safe to use: flatten and hash read all of it under ASan. */
 static void use(const void *data, size_t size)
 {
     struct umbs_scene_view view;
@@ -491,7 +491,8 @@ static void hash_is_of_the_triangles_and_not_of_how_they_are_written(void **stat
         hash_of_square(&same[i], other);
         assert_memory_equal(base, other, sizeof base);
     }
-    hash_of_square(&turned, other); /* order is the file's: flattened differently, hashed so */
+    hash_of_square(&turned, other); /* The hash keeps the file's order: meshes flattened in another
+                                       order have another hash. */
     assert_memory_not_equal(base, other, sizeof base);
 }
 

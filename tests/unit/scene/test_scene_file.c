@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scene buffers in files: their owners, and the content that is refused. */
+/* Scene buffers in files: checks of their owners, and content that is refused. */
 #define _DEFAULT_SOURCE /* chown, mkdtemp */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -121,7 +121,7 @@ static void what_was_saved_is_ones_own_and_loads(void **state)
     assert_int_equal(chdir(here), 0);
 }
 
-/* The message names the field, the file, what is at fault and why. */
+/* The message must name the field, the file, the fault and the reason. */
 static void assert_not_proven(struct fixture *f, const char *at_fault, const char *why)
 {
     char words[160];
@@ -167,7 +167,7 @@ static void what_another_user_owns_is_refused(void **state)
     assert_int_equal(load(f, f->file, 0), UMB_OK);
 }
 
-/* Another user could put a folder of its own in the place of one above. */
+/* Another user could replace one of the folders above by a folder of its own. */
 static void a_folder_above_that_others_can_write_is_refused(void **state)
 {
     struct fixture *f = *state;
@@ -187,7 +187,7 @@ static void a_folder_above_that_others_can_write_is_refused(void **state)
     assert_int_equal(rmdir(below), 0);
 }
 
-/* Another user could have linked the file into a folder where it is left behind. */
+/* Another user could have linked the file into a folder where it is forgotten. */
 static void a_file_of_two_names_is_refused(void **state)
 {
     struct fixture *f = *state;

@@ -88,7 +88,7 @@ static int overflow_output(void)
     return 0;
 }
 
-/* Asks for the scene itself, `times` times at most; then hands in a scene. */
+/* Requests the scene itself, at most `times` times; then hands in a scene. */
 static int ask(int times)
 {
     int fd = 0;
@@ -224,7 +224,8 @@ static void importer_sees_only_the_agreed_descriptors(void **state)
     umbs_scene_destroy(scene);
 }
 
-/* As of a service that was started without them: then the scene itself is descriptor 0. */
+/* Imitates a service that was started without standard streams: the scene itself is then descriptor
+ * 0. */
 static void caller_without_standard_streams_imports(void **state)
 {
     (void)state;
@@ -299,7 +300,8 @@ static void expect_timeout(const char *name)
     assert_int_equal(import_with(name, options, &scene, &error), UMB_E_LIMIT);
     (void)clock_gettime(CLOCK_MONOTONIC, &end);
     assert_null(scene);
-    /* One second plus scheduling on a busy machine; without the limit it would be a hundred. */
+    /* One second plus scheduling on a busy machine; without the limit the import would take a
+     * hundred. */
     assert_in_range((uintmax_t)(end.tv_sec - start.tv_sec), 0, 15);
 }
 
@@ -354,8 +356,8 @@ static enum umb_status shut_in(void *user, const struct umbs_importer *importer,
     return hook->answer == UMB_OK ? UMB_OK : umb_fail(error, hook->answer, "no sandbox");
 }
 
-/* The caller hears of the running importer once, and where it cannot shut itself in, nothing of the
- * importer is taken and none is left. */
+/* The caller must be told of the running importer once. If the importer cannot enter its sandbox,
+ * its scene must not be accepted, and no process may stay. */
 static void the_caller_shuts_itself_in_or_nothing_is_read(void **state)
 {
     static const enum umb_status answers[] = {UMB_OK, UMB_E_UNAVAILABLE};
@@ -386,7 +388,7 @@ static void large_input_is_a_limit(void **state)
     assert_non_null(strstr(error.message, "6 bytes, limit 5"));
 }
 
-/* Also the look-ups that find nothing count, and the default ends those without end. */
+/* Look-ups that find nothing must count, too: the default limit ends an endless series of them. */
 static void look_ups_of_files_are_a_limit(void **state)
 {
     static const struct {

@@ -179,7 +179,8 @@ static void asset_map_overwritten_in_place_fails_the_read_and_nothing_else(void 
     }
 }
 
-/* With its times put back only the check can tell, and reads stay harmless. */
+/* The file's times are put back, so only the check can notice the change; reads must stay
+ * harmless. */
 static void asset_map_check_finds_what_the_times_hide(void **state)
 {
     struct fixture *f = *state;
@@ -282,7 +283,8 @@ static void *read_until_bad(void *argument)
     return NULL;
 }
 
-/* Readers on two threads while the file is cut: answers are right or refused, never wrong. */
+/* Readers on two threads while the file is cut short: answers must be right or refused, never
+ * wrong. */
 static void asset_map_cut_under_readers_gives_no_wrong_answer(void **state)
 {
     struct fixture *f = *state;
@@ -314,7 +316,7 @@ static void asset_map_cut_under_readers_gives_no_wrong_answer(void **state)
     }
 }
 
-/* As a calibration does, which runs on any thread and may be left midway. */
+/* Reads as a calibration does, which runs on any thread and may be left midway. */
 static void *allocate(void *user)
 {
     const struct umb_alloc *alloc = user;
@@ -350,7 +352,7 @@ static void touch(void *user)
     *(volatile char *)user;
 }
 
-/* A fault outside of every map still ends a process, guarded or not. */
+/* A fault outside every mapped file must still end the process, guarded or not. */
 static void fault_guard_lets_foreign_faults_through(void **state)
 {
     (void)state;

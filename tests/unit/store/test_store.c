@@ -367,7 +367,7 @@ static void store_refuses_a_file_whose_id_is_not_its_content(void **state)
     struct fixture *f = *state;
     struct umbs_entry *entry;
     struct umb_error error;
-    /* test_digest is not SHA-256: checksums are right, the identity is a lie. */
+    /* test_digest is not SHA-256: the checksums are right, but the id is wrong. */
     uint32_t height = 20;
     struct voxels voxels = {.lit = slab_lit, .user = &height, .log2_size = 6, .frustum_count = 1};
     const double origin[3] = {0, 0, 0};
@@ -422,7 +422,7 @@ static void store_without_a_writable_cache_expands_in_memory(void **state)
     struct umb_asset_info info;
     uint8_t id[UMB_ID_BYTES];
     folder_asset(&f->folder, "city.umb", 20, id);
-    /* A file where the cache folder should be: fails for root too. */
+    /* There is a file where the cache folder should be: creating it fails for root, too. */
     remove_tree(folder_file(&f->folder, ".umbrage-cache"));
     FILE *file = fopen(folder_file(&f->folder, ".umbrage-cache"), "wb");
     assert_non_null(file);
@@ -433,7 +433,7 @@ static void store_without_a_writable_cache_expands_in_memory(void **state)
     assert_int_equal(info.encoding, UMB_ENCODING_PACKED);
     assert_true(is_lit(umbs_entry_asset(entry), 10));
     umbs_entry_release(entry);
-    /* With the file gone the next asset has a mapped form again. */
+    /* Once the file is gone, the next asset has a mapped form again. */
     assert_int_equal(unlink(folder_file(&f->folder, ".umbrage-cache")), 0);
     folder_asset(&f->folder, "town.umb", 30, id);
     rescan(f);
@@ -544,7 +544,7 @@ struct reader {
     atomic_int failed;
 };
 
-/* An answer must be of exactly one of the two versions, and that of the id it names. */
+/* An answer must be of exactly one of the two versions, and its id must be that version's. */
 static void *read_on(void *argument)
 {
     struct reader *reader = argument;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Folder of mapped files: only files that the daemon wrote are used. */
+/* The folder of mapped files: only files that the daemon wrote may be used. */
 #define _GNU_SOURCE /* syncfs */
 #include <stdarg.h>
 #include <stddef.h>
@@ -84,7 +84,7 @@ static int logged(struct fixture *f, const char *word, const char *other)
     return found;
 }
 
-/* City is lit up to 20, the other one up to 40. */
+/* The asset "city" is lit up to 20, the other one up to 40. */
 static void city_answers_as_it_should(struct fixture *f, enum umb_encoding encoding)
 {
     struct umbs_entry *entry;
@@ -134,7 +134,7 @@ static void write_file(const char *path, const struct bytes *bytes)
     assert_int_equal(fclose(file), 0);
 }
 
-/* The other asset's mapped form as a whole and right mapped form of city. */
+/* The other asset's complete and valid mapped form, under the name of city's. */
 static struct bytes forged_city(struct fixture *f)
 {
     struct bytes bytes = read_file(mapped_file(f, f->other));
@@ -258,7 +258,8 @@ static void cache_that_others_can_change_is_refused(void **state)
     assert_int_equal(umbs_store_open(&f->options, &f->store, &error), UMB_E_PERMISSION);
     assert_non_null(strstr(error.message, "--cache"));
     assert_non_null(strstr(error.message, "0770"));
-    /* Nor one whose folder above others can swap, nor one behind a link to such. */
+    /* Also refused: a cache below a folder that others can replace, and one behind a link to such a
+     * folder. */
     assert_int_equal(chmod(f->cache_path, 0700), 0);
     assert_int_equal(chmod(f->folder.path, 0775), 0);
     assert_int_equal(umbs_store_open(&f->options, &f->store, &error), UMB_E_PERMISSION);
@@ -291,7 +292,7 @@ static void cache_in_a_store_that_a_group_may_write_to_is_not_used(void **state)
     assert_int_equal(chmod(f->store_path, 0755), 0);
     reopen(f);
     city_answers_as_it_should(f, UMB_ENCODING_MAPPED);
-    /* It becomes so while the store is open. */
+    /* The folder becomes unsafe while the store is open. */
     assert_int_equal(chmod(f->store_path, 0775), 0);
     folder_asset(&f->folder, "store/city.umb", 22, f->city);
     assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
@@ -303,7 +304,7 @@ static void links_in_the_cache_are_not_followed(void **state)
     struct fixture *f = *state;
     char path[512], aside[512];
     reopen(f);
-    /* A second name: another process may hold the file by it. */
+    /* A second hard link: another process may hold the file by it. */
     snprintf(path, sizeof path, "%s", mapped_file(f, f->city));
     snprintf(aside, sizeof aside, "%s", folder_file(&f->folder, "aside"));
     assert_int_equal(link(path, aside), 0);
@@ -359,12 +360,13 @@ static void second_store_reads_what_the_first_wrote_and_writes_nothing(void **st
     assert_true(logged(f, "cache_shared", "another daemon, pid "));
     assert_true(logged(f, "asset=city", "how=known"));
     city_answers_as_it_should(f, UMB_ENCODING_MAPPED);
-    /* What only the second has seen stays in its memory. */
+    /* An asset that only the second store has seen stays in its memory. */
     folder_asset(&f->folder, "store/city.umb", 21, f->city);
     assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
     city_answers_as_it_should(f, UMB_ENCODING_PACKED);
     assert_int_not_equal(access(mapped_file(f, f->city), F_OK), 0);
-    /* The first writes it; the second finds it there, and writes when the first is gone. */
+    /* The first store writes the file. The second finds it there, and writes when the first is
+     * gone. */
     assert_int_equal(umbs_store_rescan(first, &f->report, NULL), UMB_OK);
     struct umbs_store *second = f->store;
     f->store = NULL;
@@ -377,7 +379,7 @@ static void second_store_reads_what_the_first_wrote_and_writes_nothing(void **st
     umbs_store_close(second);
 }
 
-/* A lane's thread that finds the cache's folder taken away again and again. */
+/* A thread of the lane that finds the cache's folder removed again and again. */
 struct renewal {
     struct fixture *f;
     atomic_int stop;
@@ -419,7 +421,7 @@ static void cache_may_be_made_anew_while_a_scan_sweeps(void **state)
     assert_int_equal(renewal.renewed, 300);
 }
 
-/* The disk during a sync of the cache: syncfs waits until it is told to go on. */
+/* Imitates a slow disk during a sync of the cache: syncfs waits until the test lets it go on. */
 static struct {
     atomic_int held, entered, failing, calls;
     sem_t go;
@@ -447,7 +449,8 @@ static void *rescan(void *user)
     return NULL;
 }
 
-/* What the job thread does before it publishes an asset, and what the lane does to load one. */
+/* Imitates what the job thread does before it publishes an asset, and what the lane does to load
+ * one. */
 struct asking {
     struct fixture *f;
     atomic_int done;
@@ -500,7 +503,7 @@ static void cache_answers_while_the_disk_syncs(void **state)
     const int entered = comes_true(&disk.entered);
     assert_int_equal(pthread_create(&asks, NULL, ask_the_cache, &asking), 0);
     const int done = comes_true(&asking.done);
-    /* No list names the files before they are durable. */
+    /* No list may name files before they are durable. */
     assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &after), 0);
     atomic_store(&disk.held, 0);
     sem_post(&disk.go);
@@ -509,7 +512,7 @@ static void cache_answers_while_the_disk_syncs(void **state)
     sem_destroy(&disk.go);
     assert_true(entered && done);
     assert_int_equal(before.st_ino, after.st_ino);
-    /* The file that was made during the sync waits for the next one. */
+    /* A file made during a sync must wait for the next sync. */
     assert_int_equal(f->store->caches[0].unsynced, 1);
     assert_int_equal(atomic_load(&disk.calls), 1);
     folder_asset(&f->folder, "store/city.umb", 23, f->city);
@@ -531,7 +534,7 @@ static void list_is_not_written_after_a_failed_sync(void **state)
     assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
     atomic_store(&disk.failing, 0);
     assert_true(logged(f, "proven_not_kept", "cannot sync"));
-    /* A second sync would report nothing: the list stays as it is until the next start. */
+    /* A second sync would report no error: the list must stay as it is until the next start. */
     many_assets(f, 70);
     assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
     assert_int_equal(stat(folder_file(&f->folder, "cache/proven"), &after), 0);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The store: what is known from before, names of several folders, checks again. */
+/* The store: assets known from earlier runs, names in several folders, and repeated checks. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -62,7 +62,7 @@ static int logged(struct fixture *f, const char *word, const char *other)
     return found;
 }
 
-/* Surface height of what a name answers with: 1 lit at depth z. */
+/* Returns the surface height of the asset that a name answers with: 1 is lit at depth z. */
 static int name_is_lit(struct fixture *f, const char *name, float z)
 {
     struct umbs_entry *entry;
@@ -154,7 +154,7 @@ static void store_serves_folders_further_down_and_links_as_names(void **state)
     assert_false(name_is_lit(f, "city/latest", 30));
     assert_int_equal(umbs_store_acquire(f->store, "v3", &entry, NULL), UMB_E_NOT_FOUND);
     assert_int_equal(umbs_store_acquire(f->store, "city/below/v3", &entry, NULL), UMB_E_NOT_FOUND);
-    /* Only the first name of a file is proven. */
+    /* Only the first name of a file must be proven. */
     assert_true(logged(f, "asset=city/v1", "how=known") !=
                 logged(f, "asset=city/latest", "how=known"));
     assert_int_equal(symlink("v2.umb", folder_file(&f->folder, "city/.next")), 0);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Large files are loaded beside the scan, and within a limit of memory. */
+/* Large files are loaded beside the scan, by the "lane", within a limit of memory. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -102,7 +102,8 @@ static void rescan(struct fixture *f)
     assert_int_equal(umbs_store_rescan(f->store, &f->report, NULL), UMB_OK);
 }
 
-/* Height up to which the asset is lit, of those that tests use; 0: there is none. */
+/* Returns the height up to which the asset is lit, out of those that tests use; 0: there is no
+ * asset. */
 static int height_of(struct fixture *f, const char *name)
 {
     struct umbs_entry *entry;
@@ -124,13 +125,13 @@ static void put(struct fixture *f, const char *name, uint32_t height)
 
 #define SMALL_BYTES 100
 
-/* From here on all but small files are for the lane. */
+/* From here on all files except small ones are for the lane. */
 static void start_lane(struct fixture *f)
 {
     assert_int_equal(umbs_store_lane_start(f->store, SMALL_BYTES + 1, NULL), UMB_OK);
 }
 
-/* A file that the scan loads itself: the beginning of an asset, which is damage. */
+/* A file that the scan loads itself: the beginning of an asset, which counts as damage. */
 static void put_small(struct fixture *f, const char *name)
 {
     put(f, name, 20);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Readers of the store: look-ups that never wait, while versions come and go. */
+/* Readers of the store: look-ups must never wait, while versions come and go. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -50,7 +50,7 @@ static int teardown(void **state)
     return 0;
 }
 
-/* Puts a version in place and has it published. */
+/* Adds a version and publishes it. */
 static void publish(struct fixture *f, uint32_t height, uint8_t id[UMB_ID_BYTES])
 {
     struct umbs_store_report report;
@@ -155,7 +155,7 @@ struct worker {
     pthread_t thread;
 };
 
-/* Each entry must be whole, and answer as its id says, until it is released. */
+/* Each entry must be complete, and answer as its id says, until it is released. */
 static int look(struct umbs_reader *reader)
 {
     struct umbs_entry *entry;
@@ -190,7 +190,7 @@ static void *work(void *argument)
     return NULL;
 }
 
-/* Until each of them has answered once more, or failed. */
+/* Waits until each of the threads has answered once more, or failed. */
 static void wait_for_all(struct worker workers[THREADS])
 {
     for (size_t i = 0; i < THREADS; i++) {

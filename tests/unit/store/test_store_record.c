@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The list of proven files: kept as written, and a line is believed only under its key. */
+/* The list of proven files: it is kept as written, and a line counts only if its key is right. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -95,7 +95,7 @@ static struct umbs_records two_in(struct folder *folder)
     return records;
 }
 
-/* How many of the two a list still has; whatever it has must be as it was written. */
+/* Returns how many of the two lines a list still has; those must be as they were written. */
 static size_t believed(struct folder *folder, const uint8_t *with, const struct umbs_records *two)
 {
     struct umbs_records records;

@@ -120,8 +120,8 @@ static void surface_points_lie_on_what_can_be_seen_evenly(void **state)
             assert_true(set.normals[i][2] == 1.0F);
         }
     }
-    /* Visible: 24 - 1 of the big cube, 4 half sides (4) and an end (1) of the small one; 4 on top.
-     * Five standard deviations of a binomial. */
+    /* Visible areas: 24 - 1 of the big cube; of the small one 4 half sides (4) and an end (1); 4 of
+     * these lie on top. The limits are five standard deviations of a binomial distribution. */
     const double share = 4.0 / 28.0, want = share * COUNT;
     const double tolerance = 5.0 * sqrt(want * (1.0 - share));
     if (!(fabs((double)on_top - want) <= tolerance)) {

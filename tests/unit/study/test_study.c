@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The study's samples against a scene whose shadow is known, and its summary of made-up results. */
+/* The study's samples, compared with a scene whose shadow is known; and its summary of made-up
+ * results. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -54,7 +55,7 @@ static void expect(const char *text, const char *sentence)
     }
 }
 
-/* Three steps of a quarter of the wrong answers, twice the bytes and a little more time. */
+/* Three steps, each with a quarter of the wrong answers, twice the bytes and a little more time. */
 static void summary_begins_with_what_the_resolution_costs_and_buys(void **state)
 {
     char text[4096];
@@ -66,7 +67,8 @@ static void summary_begins_with_what_the_resolution_costs_and_buys(void **state)
                         "3 s of processor time). They buy 16 times fewer wrong answers: 0.5 % "
                         "instead of 8 % of what the cameras see is wrong.\n";
     assert_int_equal(strncmp(text, first, strlen(first)), 0);
-    /* A quarter of the error takes four times the voxels, so half of it takes twice as many. */
+    /* To reduce the error to a quarter takes four times the voxels; to halve it takes twice as
+     * many. */
     expect(text, "\nHalf the error costs: 2 times the voxels a side, and with them 1.4 times the "
                  "bytes, 1.1 times the time");
 }
@@ -164,7 +166,7 @@ static void summary_says_what_peers_of_the_same_voxels_cost(void **state)
     memcpy(study.results + study.result_count, more, sizeof more);
     study.result_count += 2;
     umbt_study_summary(&study, text, sizeof text);
-    /* A peer is no setting: the sharpest is an asset's. */
+    /* A peer is not a setting: the sharpest setting must be an asset's. */
     expect(text, "Sharpest of these: 8192 voxels a side, 1 x 1 taps: 30 ns");
     expect(text, "A plain depth map (AVX2) of the same 2048 voxels a side: 35 MB in memory, the "
                  "open asset 4 MB; 1 x 1 taps 5 ns against 25 ns, 9 x 9 taps 25 ns against "
@@ -205,7 +207,7 @@ static void errors_of(size_t count, const float *answers, const float *truth, co
     umbt_errors_edges(&judged, off, result);
 }
 
-/* Answers of a coarse level far from every boundary and close to one. */
+/* The answers of a coarse level, far from every boundary and close to one. */
 static void one_half_is_no_side_and_is_off_by_the_way_to_the_boundary(void **state)
 {
     static const float answers[] = {0.5F, 0.5F, 1.0F, 0.0F, 1.0F, 0.0F, 0.5F, 0.5F};
@@ -253,7 +255,7 @@ static void fewer_wrong_answers_are_a_smaller_error(void **state)
     assert_true(none.wrong == 0.0 && none.off_mean_m == 0.0 && none.off_max_m == 0.0);
 }
 
-/* An interrupted run is longer; the least runs say the time. */
+/* An interrupted run takes longer; the least time of the runs counts. */
 static void the_least_run_counts(void **state)
 {
     double ns[7] = {90.0, 10.5, 10.0, 400.0, 11.0, 35.0, 20.0};

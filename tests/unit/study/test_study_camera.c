@@ -14,7 +14,7 @@
 /* Doubles through sin and cos of degrees: a few ulp of 1. */
 #define TOLERANCE 1e-12
 
-/* What the header promises around the fitted scene: 4 % to spare. */
+/* The margin that the header promises around the fitted scene: 4 %. */
 #define FIT_MARGIN 1.04
 
 static void near_check(const char *what, double have, double want, double tolerance)
@@ -112,7 +112,7 @@ static double random_unit(uint64_t *seed)
     return (double)(*seed >> 11) / 9007199254740992.0;
 }
 
-/* Where a point falls in the picture, -1..1 across and up; its depth in metres. */
+/* Computes where a point falls in the picture, -1..1 across and up, and its depth in metres. */
 static void project(const struct umbt_camera *camera, const double point[3], double *x, double *y,
                     double *depth)
 {
@@ -161,7 +161,7 @@ static void fit_check(uint64_t *seed, int z_up)
     const double edge = 1.0 / FIT_MARGIN + 1e-6;
     assert_true(extent_x[0] >= -edge && extent_x[1] <= edge);
     assert_true(extent_y[0] >= -edge && extent_y[1] <= edge);
-    /* Tight in the direction that binds: it touches both margins. */
+    /* The fit must be tight in the direction that limits it: the scene touches both margins. */
     const int tight_x = extent_x[1] - extent_x[0] > 2.0 / FIT_MARGIN - 1e-5;
     const int tight_y = extent_y[1] - extent_y[0] > 2.0 / FIT_MARGIN - 1e-5;
     assert_true(tight_x || tight_y);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Light shafts against sums over single points along the view ray. */
+/* Light shafts, compared with sums over single points along the view ray. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -84,7 +84,7 @@ static void rays_of_more_intervals_than_fit_are_halved(void **state)
     umb_volume_segments(&parts.volume, &segments, 0, 1, &answers);
     double through, lit;
     umbt_fog_look(&thick, ends, ends + 3, &through, &lit);
-    /* So thin a fog sends light in proportion to the lit length. */
+    /* In such a thin fog the light is proportional to the lit length. */
     assert_true(answer.interval_count > 256);
     assert_true(fabs(lit / (1e-7 * answer.lit_m) - 1) < 1e-4);
     umb_asset_close(asset);

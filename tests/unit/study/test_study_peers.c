@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The study's peers, a shadow map and a sparse volume, against windows counted texel by texel. */
+/* The study's peers, a shadow map and a sparse volume, compared with windows counted texel by
+ * texel. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

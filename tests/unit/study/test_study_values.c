@@ -61,7 +61,7 @@ static void dithered_values_keep_their_mean(void **state)
     assert_int_equal(umbt_srgb8_dithered(0.0, 0.999), 0);
 }
 
-/* Number of white pixels, and checks that all others are a quarter of what they were. */
+/* Counts white pixels, and checks that all others are a quarter of what they were. */
 static size_t white_count(const struct umbt_picture *picture, uint32_t width, uint32_t height)
 {
     size_t white = 0;
@@ -155,8 +155,8 @@ static void bias_follows_the_documented_formula(void **state)
     near_check("none", umbt_truth_bias(&settings, &frustum, slanted), 0.0, 0.0);
 }
 
-/* Under a sun overhead: along the light, by at most 1.5 texels with one tap; the rest along the
- * normal, as all of it before a lamp. */
+/* Under a sun overhead the move is along the light, by at most 1.5 texels with one tap; the rest is
+ * along the normal. Before a lamp all of it is along the normal. */
 static void lifts_follow_the_documented_formula(void **state)
 {
     (void)state;

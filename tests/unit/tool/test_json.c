@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The JSON writer: what it writes is JSON and UTF-8, whatever it is given. */
+/* The JSON writer: its output must be valid JSON and UTF-8, whatever it is given. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Keys with numbers: what is read, and what each refusal names. */
+/* Keys with numbers: what is accepted, and what each refusal names. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

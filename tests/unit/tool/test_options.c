@@ -181,7 +181,7 @@ static void times_with_a_fraction_are_whole_milliseconds(void **state)
     assert_int_equal(parse("a --seed 1 --wait 0.0001s"), UMB_E_ARGUMENT);
 }
 
-/* Values that no number, size or time is. */
+/* Texts that are no number, size or time. */
 static void hostile_values_are_refused_by_every_kind(void **state)
 {
     static const char *const options[] = {"offset", "taps",    "resolution", "size",     "kind",
@@ -394,7 +394,7 @@ static void errors_of_the_library_name_the_option(void **state)
     }
 }
 
-/* Whether a table of one row ends the program. */
+/* Returns whether a table of one row ends the program. */
 static bool is_refused(const struct umbu_option *row)
 {
     const struct umbu_command command = {.name = "x", .sections = {{"options", row, 1, 0}}};
@@ -454,7 +454,7 @@ static void bake_settings_are_collected_in_their_order(void **state)
     assert_null(umbu_bake_setting("threads"));
 }
 
-/* Rows of settings give what a row leaves out; "*" is a row for each of the others. */
+/* Rows of settings supply what a row leaves out; "*" stands for a row for each of the others. */
 static void settings_of_queries_are_options(void **state)
 {
     static const struct umbu_option rows[] = {

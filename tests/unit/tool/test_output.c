@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Output files appear whole or not at all, whatever ends the program. */
+/* Output files must appear whole or not at all, however the program ends. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -125,7 +125,7 @@ static void file_commit_refuses_after_a_failed_write(void **state)
     folder_make();
     write_text(folder_file("a"), "old");
     assert_int_equal(umbu_output_begin(folder_file("a"), 0, &file, NULL), UMB_OK);
-    /* A read-only descriptor stands for a full disk. */
+    /* A read-only descriptor imitates a full disk. */
     int read_only = open("/dev/null", O_RDONLY);
     assert_true(dup2(read_only, file.fd) >= 0);
     close(read_only);
@@ -175,7 +175,8 @@ static void commands_write_to_devices_and_keep_permissions(void **state)
     folder_remove();
 }
 
-/* A child that begins an output, writes half of it and gets a signal. Returns its wait status. */
+/* Starts a child process that begins an output, writes half of it and gets a signal. Returns its
+ * wait status. */
 static int run_child(int number, int ignored)
 {
     const pid_t child = fork();
@@ -233,7 +234,7 @@ static void errors_of_a_sink_are_explained_by_its_output(void **state)
     folder_remove();
 }
 
-/* Writes user, a text, and fails if that begins with '!'. */
+/* Writes `user`, a text, and fails if the text begins with '!'. */
 static enum umb_status put_text(void *user, const struct umb_sink *sink, struct umb_error *error)
 {
     const char *text = user;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Slices and ranges: each is done once, by the threads there are, and failures end the rest. */
+/* Slices and ranges: each is done once, by the threads that exist, and a failure ends the rest. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

@@ -152,7 +152,7 @@ static void broken_descriptions_are_named_and_leave_nothing(void **state)
     expect_bad_description(&other, UMB_E_ARGUMENT, "lights.direction: has 2");
 }
 
-/* 2 bytes a light on the wire, hundreds in memory: the count is checked before. */
+/* 2 bytes a light on the wire become hundreds in memory: the count must be checked before. */
 static void too_many_lights_are_refused_before_they_cost_memory(void **state)
 {
     size_t size = 2 * (UMB_LIGHTS_MAX + 1);
@@ -222,7 +222,7 @@ static void fields_of_parts_meet_a_limit(void **state)
     }
 }
 
-/* A manifest counts like a message, in one piece or in many: its priority again and again. */
+/* A manifest counts like a message, in one piece or in many. Its field `priority` is repeated. */
 static void fields_of_a_manifest_meet_a_limit(void **state)
 {
     (void)state;
@@ -400,7 +400,7 @@ static void small_messages_round_trip(void **state)
     assert_int_equal(umbw_decode_health_reply(message, size, &serving, NULL), UMB_OK);
     assert_int_equal(serving, 2);
     free(message);
-    /* An empty body asks for the server as a whole. */
+    /* An empty body means the server as a whole. */
     assert_int_equal(umbw_decode_health_request(NULL, 0, text, NULL), UMB_OK);
     assert_string_equal(text, "");
     request.asset[0] = '\0';

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Footprints on the wire: what goes in comes out, and what does not fit is named. */
+/* Footprints on the wire: they must survive a round trip, and invalid ones must be named. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -26,7 +26,7 @@ static struct umbw_query_request request_of(enum umb_filter filter)
     };
 }
 
-/* Sends a request through both directions; out points into buffer. */
+/* Sends a request through both directions; `out` points into `buffer`. */
 static enum umb_status pass(const struct umbw_query_request *in, struct umbw_buffer *buffer,
                             struct umbw_query_request *out, struct umb_error *error)
 {

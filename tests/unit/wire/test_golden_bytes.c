@@ -311,7 +311,7 @@ static void volume_queries_keep_their_bytes(void **state)
     }
 }
 
-/* Answers that do not hold a descriptor, which changes with the .proto files. */
+/* Checks answers without a descriptor, since descriptors change with the .proto files. */
 static void reflection_keeps_its_bytes(void **state)
 {
     (void)state;

@@ -104,7 +104,7 @@ static void escape_cuts_at_a_whole_character(void **state)
                                             text, capacity);
         assert_true(length < capacity);
         assert_true(text[length] == '\0');
-        /* The euro sign is nine bytes escaped: there whole, or not at all. */
+        /* The escaped euro sign takes nine bytes: all of them are there, or none. */
         assert_true(length <= 2 || length == 11 || length == 12);
     }
     char nothing = 'x';
@@ -121,7 +121,7 @@ static void unescape_keeps_bad_escapes(void **state)
     assert_string_equal(message, "100%, %4, %zz %00 A%");
     assert_int_equal(umbw_message_unescape("%e2%82%AC", 9, message, sizeof message), 3);
     assert_string_equal(message, "\xe2\x82\xac");
-    /* Cut inside the character: it goes whole. */
+    /* If the text is cut inside the character, the whole character is left out. */
     assert_int_equal(umbw_message_unescape("a%e2%82%AC", 10, message, 4), 1);
     assert_string_equal(message, "a");
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Requests with a picture, packing and the mark of what the client has. */
+/* Requests with a picture, packed answers, and the mark of the answers that the client has. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -93,7 +93,8 @@ static void pictures_that_do_not_fit_are_refused_by_field(void **state)
     expect_refused(&in, 100, UMB_E_ARGUMENT, "origin");
 }
 
-/* Every prefix and every flipped byte of a message is refused or decodes to what fits it. */
+/* Every prefix and every flipped byte of a message must be refused or decode to something
+ * consistent. */
 static void spoilt_messages_do_no_harm(void **state)
 {
     (void)state;

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * QueryRequest and QueryReply: our codecs against protobuf-c's own pack and unpack, field checks,
- * and sweeps over every prefix and every flipped byte from exact-size blocks (for ASan).
+ * QueryRequest and QueryReply: our codecs are compared with protobuf-c's own pack and unpack. Also
+ * tested: field checks, and sweeps over every prefix and every flipped byte from exact-size blocks
+ * (for ASan).
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -75,7 +76,7 @@ static void request_round_trip_keeps_every_field(void **state)
     assert_memory_equal(out.points.positions, positions, sizeof positions);
     assert_memory_equal(out.points.normals, normals, sizeof normals);
     assert_int_equal(out.want_stats, 1);
-    /* In place: both lie inside the message. */
+    /* Points are read in place: both pointers lie inside the message. */
     assert_true((const uint8_t *)out.points.positions > message);
     assert_true((const uint8_t *)out.points.positions + sizeof positions <= message + size);
     assert_true((const uint8_t *)out.points.normals > message);
@@ -156,7 +157,7 @@ static void filters_keep_their_numbers_and_unknown_ones_are_refused(void **state
         enum umb_status status = umbw_encode_query_request(&in, &buffer, &error);
         umbw_buffer_finish(&buffer);
         assert_int_equal(status, cases[i].message ? UMB_E_ARGUMENT : UMB_OK);
-        /* What a foreign client sends: field 30 as a number, field 31 as a double. */
+        /* A message from a foreign client: field 30 as a number, field 31 as a double. */
         uint8_t message[13] = {0xf0, 0x01, (uint8_t)cases[i].filter, 0xf9, 0x01};
         memcpy(message + 5, &cases[i].light_extent, sizeof(double));
         uint8_t named[16] = {0x0a, 1, 'a'};

@@ -64,7 +64,7 @@ static size_t put_head(uint8_t *at, uint32_t number, size_t size)
     return 6;
 }
 
-/* `count` fields of number 15, which none of our messages has, two bytes each. */
+/* Makes `count` fields of number 15, which none of our messages has, two bytes each. */
 static size_t put_unknown(uint8_t *at, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -111,7 +111,7 @@ static void gunzip_refuses_every_prefix_and_trailing_bytes(void **state)
         assert_non_null(exact);
         memcpy(exact, packed, cut);
         enum umb_status status = umbw_gunzip(exact, cut, 100000, &out, &size, NULL);
-        /* The end of a prefix states some other size, which may be over the limit. */
+        /* The last bytes of a prefix are read as the size, which may be over the limit. */
         assert_true(cut == length ? status == UMB_OK
                                   : status == UMB_E_ARGUMENT || status == UMB_E_TOO_LARGE);
         assert_true((out != NULL) == (status == UMB_OK));

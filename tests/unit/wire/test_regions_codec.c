@@ -75,7 +75,7 @@ static void whatever_comes_stays_within_the_limits(void **state)
     umbw_buffer_finish(&buffer);
 }
 
-/* A packed field as long as a message is read up to the limit only. */
+/* A packed field as long as the message must be read only up to the limit. */
 static void long_lists_are_read_up_to_the_limit(void **state)
 {
     (void)state;
@@ -92,7 +92,7 @@ static void long_lists_are_read_up_to_the_limit(void **state)
     assert_string_equal(error.message, "offsets: 129 are over the limit of 128");
 }
 
-/* The pieces of a view are limited together: none of them is too long by itself. */
+/* The pieces of a view are limited together: no single piece is too long. */
 static void pieces_of_a_view_are_limited_together(void **state)
 {
     (void)state;

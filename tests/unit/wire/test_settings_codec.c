@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Each setting of a query (base/query_settings.h) is the field of QueryRequest of its name. */
+/* Each setting of a query (base/query_settings.h) must be the field of QueryRequest with the same
+ * name. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -12,7 +13,7 @@
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire_samples.h"
 
-/* Writes a value that no range refuses, and that is not 0. */
+/* Writes a value that is within every range, and is not 0. */
 static void give(const struct umb__setting *setting, struct umb_query_settings *settings)
 {
     const double numbers[3] = {setting->most > 0 ? setting->most / 2 : 1, 2, 3};
@@ -66,7 +67,7 @@ static void every_setting_is_a_field_of_the_request(void **state)
     assert_int_equal(umbw_decode_query_request(bytes, size, 1, &out, NULL), UMB_OK);
     assert_memory_equal(&out.settings, &in.settings, sizeof in.settings);
     umbw_buffer_finish(&buffer);
-    /* Any other field has a row in query_codec.c. */
+    /* Every other field must have a row in query_codec.c. */
     assert_int_equal(message->n_fields, umb__setting_count + sizeof others / sizeof others[0]);
     for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
         assert_non_null(protobuf_c_message_descriptor_get_field(message, others[i]));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Segments, columns and boxes on the wire: what goes in comes out, and what does not fit is named.
- */
+/* Segments, columns and boxes on the wire: they must survive a round trip, and invalid ones must be
+ * named. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -94,7 +94,8 @@ static void replies_pass_unchanged_and_cut_ones_are_refused(void **state)
                 assert_memory_equal(out.fields[k], bytes[k], each * count);
             }
         }
-        /* Not for as many records as were asked, nor any prefix of it, from exact blocks. */
+        /* A reply with another number of records than requested must be refused, and so must every
+         * prefix of it; each is read from a block of its exact size. */
         assert_int_equal(
             umbw_decode_volume_query_reply(in.volume_query, message, size, COUNT + 1, &out, &error),
             UMB_E_ARGUMENT);
