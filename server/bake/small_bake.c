@@ -55,10 +55,8 @@ static enum umb_status pack(const struct umbb_small_job *job, const struct umb__
         .settings = nothing,
     };
     const struct umb_sink sink = {count_bytes, bytes};
-    const struct umb__pack_job pack = {.content = &content,
-                                       .octree = octree,
-                                       .sha256 = &umbs_sha256,
-                                       .sink = &sink};
+    const struct umb__pack_job pack = {
+        .content = &content, .octree = octree, .sha256 = &umbs_sha256, .sink = &sink};
     uint8_t id[UMB_ID_BYTES];
     *bytes = 0;
     return umb__pack_run(&pack, id, error);

@@ -101,8 +101,7 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
     if (links.size > 0) {
         memcpy(whole + entries_size, links.data, links.size);
     }
-    FUZZ_DEMAND(
-        umb__block_seal(whole, (uint32_t)block_size, pages, &test_digest, block_entry));
+    FUZZ_DEMAND(umb__block_seal(whole, (uint32_t)block_size, pages, &test_digest, block_entry));
     umb__store64(block_entry + UMB__BLOCK_END, block_size);
     FUZZ_DEMAND(umb__directory_identify(&head, &test_digest, NULL, head.id));
     struct bytes file = {.data = malloc((size_t)head.file_length),

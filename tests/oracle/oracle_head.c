@@ -102,9 +102,8 @@ static int read_pages_field(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]
     for (uint32_t i = 0; i < oracle->directory_count; i++) {
         const uint64_t rest = pages - (uint64_t)i * BLOCK_PAGES, before = end;
         const uint64_t entries = PAGE_ENTRY * (rest < BLOCK_PAGES ? rest : BLOCK_PAGES);
-        end = oracle_number(oracle->bytes + HEAD_FIXED + oracle->block_size +
-                                (uint64_t)i * PACKED_ENTRY + 8,
-                            8);
+        end = oracle_number(
+            oracle->bytes + HEAD_FIXED + oracle->block_size + (uint64_t)i * PACKED_ENTRY + 8, 8);
         first = i == 0 ? end : first;
         if (end < before || end - before < entries || end > oracle->size) {
             return oracle_refuse(error, "directory: block %" PRIu32 " ends at %" PRIu64, i, end);
@@ -126,8 +125,7 @@ int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     if (!check_magic(oracle, error)) {
         return 0;
     }
-    if (!oracle_all_zero(head + 12, 4) ||
-        !oracle_all_zero(head + 96, 24)) {
+    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 96, 24)) {
         return oracle_refuse(error, "head: flags or zero fields are not zero");
     }
     if (oracle_number(head + 16, 8) != oracle->size) {

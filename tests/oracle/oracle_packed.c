@@ -44,9 +44,9 @@ static uint64_t block_end(const struct oracle *oracle, uint32_t block)
 static const uint8_t *block_at(const struct oracle *oracle, uint32_t block, uint64_t *size)
 {
     *size = block_end(oracle, block) - (block > 0 ? block_end(oracle, block - 1) : 0);
-    return oracle->bytes + (block == 0 ? oracle->head_size
-                                       : oracle->blocks_at + block_end(oracle, block - 1) -
-                                             oracle->first_block);
+    return oracle->bytes +
+           (block == 0 ? oracle->head_size
+                       : oracle->blocks_at + block_end(oracle, block - 1) - oracle->first_block);
 }
 
 static uint32_t pages_of(const struct oracle *oracle, uint32_t block)

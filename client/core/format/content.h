@@ -108,7 +108,8 @@ struct umb__pack_job {
 
 /* Figures about the pages of a packed file. */
 struct umb__pack_figures {
-    double copies; /* Estimated bytes of all pages, over those of the nodes, each once. At least 1 */
+    double
+        copies; /* Estimated bytes of all pages, over those of the nodes, each once. At least 1 */
 };
 
 /* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the

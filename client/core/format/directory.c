@@ -260,9 +260,8 @@ enum umb_status umb__page_open(const uint8_t *raw, const struct umb__page_entry 
                                struct umb__page *page, struct umb_error *error)
 {
     enum umb_status status = umb__page_parse(raw, entry->raw_length, page, error);
-    status = status == UMB_OK
-                 ? umb__page_set_links(page, entry->links, entry->links_length, error)
-                 : status;
+    status = status == UMB_OK ? umb__page_set_links(page, entry->links, entry->links_length, error)
+                              : status;
     if (status != UMB_OK) {
         return umb__in_page(error, entry->page, status);
     }

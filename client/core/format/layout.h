@@ -110,22 +110,23 @@ enum {
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
-#define UMB__PAGE_ENCODING 3U         /* Encoding 2 named other pages by number, 1 also wrote every
+#define UMB__PAGE_ENCODING                                                                         \
+    3U                              /* Encoding 2 named other pages by number, 1 also wrote every
                                          reference */
-#define UMB__PAGE_LINKS_MAX 65535U /* Links of a page, each of at least a byte */
+#define UMB__PAGE_LINKS_MAX  65535U /* Links of a page, each of at least a byte */
 #define UMB__BLOCK_BYTES_MAX (UMB__BLOCK_PAGES * (UMB__PAGE_ENTRY + 65535U))
-#define UMB__PAGE_RAW_MAX  (1U << 20) /* Bytes of the longest page, uncompressed */
+#define UMB__PAGE_RAW_MAX    (1U << 20) /* Bytes of the longest page, uncompressed */
 /* Most estimated bytes of a page: few, since a thin client needs only some nodes of each page
  * (docs/results/paging.md has the effects of other sizes). In octrees whose nodes are shared so much
  * that their copies take more than COPIES_MAX times the bytes of the nodes, pages are larger. */
 #define UMB__PAGE_BYTES        7168U
 #define UMB__PAGE_BYTES_SHARED 28672U
 #define UMB__PAGE_COPIES_MAX   2.0
-#define UMB__CANONICAL_MAX   (64U << 20)
-#define UMB__INFO_MAX        (1U << 20)
-#define UMB__TEXT_MAX        (4U << 20) /* Bytes of the plan, and of the settings */
-#define UMB__SECTION_ALIGN   4096U
-#define UMB__GRID_LOG2_MAX   7U
+#define UMB__CANONICAL_MAX     (64U << 20)
+#define UMB__INFO_MAX          (1U << 20)
+#define UMB__TEXT_MAX          (4U << 20) /* Bytes of the plan, and of the settings */
+#define UMB__SECTION_ALIGN     4096U
+#define UMB__GRID_LOG2_MAX     7U
 
 /* Wide levels of the mapped layout: 5, 7, ... 19. */
 #define UMB__WIDE_FIRST 5U

@@ -13,10 +13,10 @@
 #include "format/layout.h"
 #include "format/value_set.h"
 
-#define CUT_LOWEST (UMB_LEVEL_BRICK + 2U) /* Lowest level whose nodes may be cut */
-#define LINK_BYTES 2U                     /* Estimated bytes of a child in another page */
-#define SMALL_BYTES 256U /* Most bytes of whole pieces that stay with a coarse node */
-#define JOB_NODES  4096U                  /* Nodes of one level that a helper takes at a time */
+#define CUT_LOWEST  (UMB_LEVEL_BRICK + 2U) /* Lowest level whose nodes may be cut */
+#define LINK_BYTES  2U                     /* Estimated bytes of a child in another page */
+#define SMALL_BYTES 256U  /* Most bytes of whole pieces that stay with a coarse node */
+#define JOB_NODES   4096U /* Nodes of one level that a helper takes at a time */
 #define HELPERS_MAX 64U
 
 #define COARSE 0x8000U /* Flag of a sum */
@@ -70,8 +70,8 @@ static uint32_t add_piece(const struct cutting *c, struct cutter *cutter, uint32
     const uint32_t parts = umb__pack_parts(c->cuts, level, node);
     uint32_t bytes = umb__pack_node_estimate(count);
     for (uint32_t i = 0; i < count; i++) {
-        bytes += umb__part_of(parts, i) != 0 ? LINK_BYTES
-                                             : add_piece(c, cutter, level - 1, children[i]);
+        bytes +=
+            umb__part_of(parts, i) != 0 ? LINK_BYTES : add_piece(c, cutter, level - 1, children[i]);
     }
     return bytes;
 }
@@ -103,8 +103,8 @@ static void divide(const struct cutting *c, struct cutter *cutter, uint32_t leve
     const uint32_t count = children_of(c, level, node, &children);
     uint32_t page = 0;
     for (uint32_t i = 0; i < count; i++) {
-        const bool is_coarse = level - 1 > UMB_LEVEL_BRICK &&
-                               (sum_of(c, level - 1, children[i]) & COARSE) != 0;
+        const bool is_coarse =
+            level - 1 > UMB_LEVEL_BRICK && (sum_of(c, level - 1, children[i]) & COARSE) != 0;
         if (is_coarse != coarse) {
             continue;
         }

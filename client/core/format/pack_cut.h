@@ -43,8 +43,9 @@ static inline uint32_t umb__part_count(uint32_t parts)
 
 struct umb__pack_cuts {
     const struct umb__octree *octree;
-    uint32_t *parts[UMB_LEVEL_MAX + 1]; /* [count of the level] Parts of each node of levels 5 and up */
-    struct umb__pack_page *tops; /* [top_count] Pages of the roots */
+    uint32_t
+        *parts[UMB_LEVEL_MAX + 1]; /* [count of the level] Parts of each node of levels 5 and up */
+    struct umb__pack_page *tops;   /* [top_count] Pages of the roots */
     uint32_t top_count;
     uint32_t page_bytes; /* Most estimated bytes of a page */
     double copies;       /* Estimated bytes of all pages, over those of the nodes, each once */

@@ -12,10 +12,10 @@
 #include "format/octree.h"
 
 struct umb__pack_survey {
-    uint8_t *brick_bytes;               /* [brick_count] Estimated bytes of each brick */
+    uint8_t *brick_bytes;                 /* [brick_count] Estimated bytes of each brick */
     uint64_t *reached[UMB_LEVEL_MAX + 1]; /* A bit for each node of a level */
-    uint64_t counts[UMB_LEVEL_MAX + 1]; /* Number of reached nodes of each level */
-    uint64_t bytes[UMB_LEVEL_MAX + 1];  /* Estimated bytes of the reached nodes, each node once */
+    uint64_t counts[UMB_LEVEL_MAX + 1];   /* Number of reached nodes of each level */
+    uint64_t bytes[UMB_LEVEL_MAX + 1];    /* Estimated bytes of the reached nodes, each node once */
     const struct umb_alloc *alloc;
 };
 

@@ -320,8 +320,7 @@ static enum umb_status link_page(struct writer *w, uint32_t page)
     uint8_t *links = worker->chunks->bytes + worker->chunks->used, *at = links;
     for (size_t i = 0; i < made->cut_count; i++) {
         const struct umb__node_ref node = made->cuts[i];
-        const uint32_t count =
-            umb__part_count(umb__pack_parts(&w->cuts, node.level, node.index));
+        const uint32_t count = umb__part_count(umb__pack_parts(&w->cuts, node.level, node.index));
         if (w->first_page[node.level][node.index] == 0) {
             UMB__TRY(add_pages(w, node, count));
         }
@@ -382,8 +381,7 @@ static enum umb_status begin_pages(struct writer *w)
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX && complete; level++) {
         if (w->cuts.parts[level]) {
             const size_t count = (size_t)octree->level[level].count + 1;
-            w->first_page[level] =
-                umb__alloc_zeroed(w->alloc, count, sizeof *w->first_page[level]);
+            w->first_page[level] = umb__alloc_zeroed(w->alloc, count, sizeof *w->first_page[level]);
             complete = w->first_page[level] != NULL;
         }
     }
@@ -453,7 +451,8 @@ static enum umb_status encode_canonical(struct writer *w)
     struct umb__value_set met = {0};
     memcpy(canonical.counts, w->survey.counts, sizeof canonical.counts);
     canonical.roots = umb__alloc_zeroed(w->alloc, content->frustum_count, sizeof *canonical.roots);
-    uint32_t *positions = umb__alloc(w->alloc, (size_t)content->frustum_count + 1, sizeof *positions);
+    uint32_t *positions =
+        umb__alloc(w->alloc, (size_t)content->frustum_count + 1, sizeof *positions);
     bool complete = canonical.roots && positions;
     for (uint32_t i = 0; i < content->frustum_count && complete; i++) {
         canonical.roots[i].state = (uint32_t)w->job->octree->roots[i].state;
@@ -461,10 +460,10 @@ static enum umb_status encode_canonical(struct writer *w)
     for (uint32_t page = 0; page < w->cuts.top_count && complete; page++) {
         complete = place_roots(w, page, &met, positions, canonical.roots);
     }
-    const enum umb_status status =
-        complete ? umb__canonical_encode(&canonical, w->alloc, &w->canonical, &w->canonical_length,
-                                         w->error)
-                 : no_memory(w->error);
+    const enum umb_status status = complete
+                                       ? umb__canonical_encode(&canonical, w->alloc, &w->canonical,
+                                                               &w->canonical_length, w->error)
+                                       : no_memory(w->error);
     umb__value_set_finish(&met, w->alloc);
     umb__free(w->alloc, positions);
     umb__free(w->alloc, canonical.roots);
@@ -517,8 +516,7 @@ static bool lay_out(struct writer *w, struct umb__head *head)
     for (uint32_t block = 0; block < head->directory_count; block++) {
         uint8_t *bytes = w->blocks + (block > 0 ? block_end(w, block - 1) : 0);
         const uint32_t size = (uint32_t)(w->blocks + block_end(w, block) - bytes);
-        const uint32_t pages =
-            umb__block_entry_bytes(w->page_count, block) / UMB__PAGE_ENTRY;
+        const uint32_t pages = umb__block_entry_bytes(w->page_count, block) / UMB__PAGE_ENTRY;
         if (block == 1) {
             head->blocks_offset = head->file_length;
             head->file_length += w->blocks_length - head->first_block;
@@ -545,8 +543,8 @@ static enum umb_status write_blocks_and_pages(const struct writer *w, size_t fir
     for (uint32_t page = 0; page < w->page_count; page++) {
         const uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
         if (page == UMB__BLOCK_PAGES) {
-            UMB__TRY(sink->write(sink->user, w->blocks + first_block,
-                                 w->blocks_length - first_block));
+            UMB__TRY(
+                sink->write(sink->user, w->blocks + first_block, w->blocks_length - first_block));
         }
         UMB__TRY(sink->write(sink->user, w->made[page].stored,
                              umb__load32(entry + UMB__PAGE_STORED_LENGTH)));

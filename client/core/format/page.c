@@ -362,7 +362,8 @@ static uint32_t *list_cut(struct writer *w, struct umb__node_ref node, uint32_t 
         uint32_t positions = 0;
         first[part] = (uint32_t)e->other_count;
         for (uint32_t i = 0; i < count; i++) {
-            if (umb__part_of(parts, i) == part + 1 && position_of(children, parts, i) == positions) {
+            if (umb__part_of(parts, i) == part + 1 &&
+                position_of(children, parts, i) == positions) {
                 e->others[e->other_count++] =
                     (struct umb__node_place){e->link_count + part, positions++};
             }
@@ -592,8 +593,7 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
                                  const struct umb__pack_cuts *cuts,
                                  const struct umb__pack_page *page, struct umb_error *error)
 {
-    struct writer w = {
-        .octree = cuts->octree, .cuts = cuts, .alloc = cuts->alloc, .e = encoder};
+    struct writer w = {.octree = cuts->octree, .cuts = cuts, .alloc = cuts->alloc, .e = encoder};
     uint32_t counts[UMB_LEVEL_MAX + 1] = {0};
     encoder->raw_size = encoder->cut_count = encoder->other_count = 0;
     encoder->link_count = encoder->node_count = 0;

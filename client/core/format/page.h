@@ -220,7 +220,7 @@ struct umb__page_encoder {
     uint32_t link_count; /* Number of links of the levels above */
     uint8_t *runs;       /* Runs of the bricks */
     size_t runs_capacity;
-    struct umb__value_set table; /* Leaves */
+    struct umb__value_set table;    /* Leaves */
     struct umb__value_set nodes[2]; /* The page's nodes of an even and an odd level, by their number
                                        in the octree */
 };

@@ -59,8 +59,7 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
     umb__free(p->meter.inner, bytes);
     for (uint32_t block = 0; block < p->head.directory_count && status == UMB_OK; block++) {
         if (p->blocks[block]) {
-            status =
-                sink->write(sink->user, p->blocks[block], umb__block_bytes(&p->head, block));
+            status = sink->write(sink->user, p->blocks[block], umb__block_bytes(&p->head, block));
         }
     }
     for (uint32_t page = 0; page < p->head.page_count && status == UMB_OK; page++) {

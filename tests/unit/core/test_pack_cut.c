@@ -23,11 +23,11 @@
 struct slow {
     const struct umb__octree *octree;
     const struct umb__pack_survey *survey; /* for the reached nodes */
-    uint32_t page;            /* Most estimated bytes of a page */
-    uint32_t *parts[LEVELS];  /* [node] */
-    uint8_t *coarse[LEVELS];  /* [node] */
-    uint32_t *bound[LEVELS];  /* [node] Bound of a piece's bytes */
-    uint32_t *mark[LEVELS];   /* [node] Walk that met the node last */
+    uint32_t page;                         /* Most estimated bytes of a page */
+    uint32_t *parts[LEVELS];               /* [node] */
+    uint8_t *coarse[LEVELS];               /* [node] */
+    uint32_t *bound[LEVELS];               /* [node] Bound of a piece's bytes */
+    uint32_t *mark[LEVELS];                /* [node] Walk that met the node last */
     uint32_t walk;
     uint64_t bytes;
 };

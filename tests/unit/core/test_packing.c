@@ -225,7 +225,8 @@ static uint32_t longest_page(const struct bytes *file)
 static void trees_that_share_much_have_larger_pages(void **state)
 {
     const struct voxels voxels = {mixed_up, NULL, 8, 2}, others = {repeated, NULL, 8, 2};
-    struct bytes file = make_packed(&voxels, 0.5, origin), other = make_packed(&others, 0.5, origin);
+    struct bytes file = make_packed(&voxels, 0.5, origin),
+                 other = make_packed(&others, 0.5, origin);
     uint64_t found[UMB_LEVEL_MAX + 1] = {0}, counts[UMB_LEVEL_MAX + 1];
     (void)state;
     assert_int_equal(count_nodes(&file, found), 0);

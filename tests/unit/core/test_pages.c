@@ -200,8 +200,7 @@ static void what_a_page_must_not_say_is_refused_by_name(void **state)
 static void places_out_of_range_are_refused(void **state)
 {
     (void)state;
-    static const uint8_t links[] = {
-        3, 4, 4, 1, 2, 0xfe, 0xff, 3, 1, 0, 0, MASK(N, N, 0, 0), 0, 1};
+    static const uint8_t links[] = {3, 4, 4, 1, 2, 0xfe, 0xff, 3, 1, 0, 0, MASK(N, N, 0, 0), 0, 1};
     static const uint8_t positions[] = {
         3, 4, 4, 1, 2, 7, 0, 0xff, 0xff, 0xff, 0xff, 15, 0, MASK(N, N, 0, 0), 0, 1};
     static const uint8_t long_number[] = {3, 4, 4, 0xff, 0xff, 0xff, 0xff, 0x1f};
