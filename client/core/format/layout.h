@@ -117,8 +117,8 @@ enum {
 #define UMB__BLOCK_BYTES_MAX (UMB__BLOCK_PAGES * (UMB__PAGE_ENTRY + 65535U))
 #define UMB__PAGE_RAW_MAX    (1U << 20) /* Bytes of the longest page, uncompressed */
 /* Most estimated bytes of a page: few, since a thin client needs only some nodes of each page
- * (docs/results/paging.md has the effects of other sizes). In octrees whose nodes are shared so much
- * that their copies take more than COPIES_MAX times the bytes of the nodes, pages are larger. */
+ * (docs/results/paging.md has the effects of other sizes). Pages are larger in octrees that share
+ * many nodes: if copies take more than COPIES_MAX times the bytes of the nodes. */
 #define UMB__PAGE_BYTES        7168U
 #define UMB__PAGE_BYTES_SHARED 28672U
 #define UMB__PAGE_COPIES_MAX   2.0

@@ -24,8 +24,8 @@ struct umb__pack_page {
     uint32_t part;  /* Which of the cut node's pages, or the number of frusta */
 };
 
-/* Parts of a node: four bits for each mixed child, the first one lowest. 0: the child stays with the
- * node; else 1 plus the number of its page among those of the node. */
+/* Parts of a node: four bits for each mixed child, the first one lowest. 0: the child stays with
+ * the node; else 1 plus the number of its page among those of the node. */
 static inline uint32_t umb__part_of(uint32_t parts, uint32_t child)
 {
     return parts >> 4 * child & 15;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Writes a packed asset: cuts the tree, makes the pages, then writes the head and the pages. Helper
- * threads share the pages. A page names those below it by links, so all pages of a round can be made
- * before the pages of the next round are numbered.
+ * threads share the pages. A page names those below it by links, so all pages of a round can be
+ * made before the pages of the next round are numbered.
  */
 #include <stdbool.h>
 #include <string.h>

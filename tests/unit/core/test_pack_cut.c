@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The pages of a packed file against docs/reference/umb-format.md, section 5, followed word by word:
- * pieces are walked as they are, with a mark for each node. And that an edit changes only pages on
- * the way from the edit to the root.
+ * The cuts of a packed file against docs/reference/umb-format.md, section 5, followed word by word:
+ * pieces are walked as they are, with a mark for each node.
  */
 #include <stdarg.h>
 #include <stddef.h>

@@ -232,7 +232,6 @@ static void trees_that_share_much_have_larger_pages(void **state)
     assert_int_equal(count_nodes(&file, found), 0);
     expect_counts(&file, counts);
     assert_true(found[UMB_LEVEL_BRICK] < 2 * counts[UMB_LEVEL_BRICK]);
-    print_message("longest pages: %u, %u bytes\n", longest_page(&file), longest_page(&other));
     assert_true(longest_page(&file) > 2 * longest_page(&other));
     bytes_finish(&file);
     bytes_finish(&other);
@@ -268,15 +267,13 @@ static uint32_t new_pages(const struct bytes *file, const struct bytes *old)
     return count;
 }
 
-/* A voxel's page, and at most the pages above it: an edit of a voxel moves no cut that is not on the
- * way from the voxel to the root. */
+/* An edit of a voxel moves no cut that is not on the way from the voxel to the root. */
 static void an_edit_changes_only_pages_on_the_way_to_the_root(void **state)
 {
     const struct voxels voxels = {edited_floor, NULL, 8, 1};
     struct bytes file = make_packed(&voxels, 0.5, origin);
     uint64_t seed = 5;
     (void)state;
-    print_message("%u pages\n", umb__load32(file.data + UMB__HEAD_PAGES));
     assert_true(umb__load32(file.data + UMB__HEAD_PAGES) > 12);
     for (int i = 0; i < 6; i++) {
         const uint32_t edit[3] = {(uint32_t)(next_random(&seed) >> 40) % 256,

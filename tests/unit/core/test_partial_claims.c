@@ -139,8 +139,8 @@ static struct bytes store_raw(const struct raw_page *page, uint8_t *entry)
     return stored;
 }
 
-/* An asset as only a hostile server makes it: 2^18 times per_node nodes of level 5 whose one child is
- * the same node of another page. */
+/* An asset as only a hostile server makes it: 2^18 times per_node nodes of level 5 whose one child
+ * is the same node of another page. */
 static struct bytes claimed_asset(uint32_t per_node)
 {
     static const double origin[3] = {0, 0, 0};
