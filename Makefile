@@ -5,7 +5,7 @@
 #   werror=1                         warnings are errors (CI)
 #   warn=                            no warnings: for sources that another build has compiled
 #   BUILD=DIR                        another build folder
-#   IPSEC_MB=                        without libipsec-mb, also where it is installed
+#   IPSEC_MB=, NANOVDB=              without libipsec-mb or NanoVDB, also where they are installed
 #   harden=                          a release build without the hardening flags, to measure what they cost
 -include Makefile.config
 
@@ -59,7 +59,9 @@ endif
 
 warn ?= yes
 WARN := $(if $(warn),-Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla,-w)
-CFLAGS_ALL := -std=c11 -g $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
+# Releases name no path of the machine that built them.
+PLACE := $(if $(filter release,$(config)),-ffile-prefix-map=$(CURDIR)=.)
+CFLAGS_ALL := -std=c11 -g $(PLACE) $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
 	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)
 LDFLAGS_ALL := -pthread $(HARDEN_LDFLAGS) $(filter -fsanitize=%,$(opt_$(config))) $(LDFLAGS)

@@ -3,10 +3,11 @@
 # the umbrage command.
 INC_client = -Iclient/include -Iclient/core -Iclient -Iproto -I$(BUILD)/gen
 
-MAPS_SRC := $(wildcard client/core/maps/*.c)
+MAPS_SRC := $(sort $(wildcard client/core/maps/*.c))
 MAPS_OBJ := $(MAPS_SRC:%.c=$(BUILD)/%.o)
 MAPS_LIB := $(BUILD)/libumbrage-maps.a
-CORE_SRC := $(filter-out $(MAPS_SRC),$(wildcard client/core/*/*.c))
+# Kernels of WebAssembly are compiled by client/web alone.
+CORE_SRC := $(filter-out $(MAPS_SRC) %_simd128.c,$(sort $(wildcard client/core/*/*.c)))
 CORE_OBJ := $(CORE_SRC:%.c=$(BUILD)/%.o)
 CORE_LIB := $(BUILD)/libumbrage-core.a
 ifeq ($(config),release)
@@ -24,12 +25,12 @@ $(BUILD)/client/core/query/slice_count.o: CFLAGS_ALL += $(if $(HARDEN_CFLAGS),-f
 $(BUILD)/client/core/query/kernel_avx512.o $(BUILD)/client/core/query/kernel_squares_avx512.o: AVX512_FLAGS := $(if $(AVX512_FLAGS),$(AVX2_FLAGS) $(filter -m%,$(AVX512_FLAGS)) -mavx512cd)
 CORE_LIBS := -lxxhash -lzstd -lm
 
-RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/rpc/*.c))
+RPC_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard client/rpc/*.c)))
 RPC_LIB := $(BUILD)/libumbrage.a
 RPC_LIBS = -luv -lnghttp2 $(WIRE_LIBS) -lssl -lcrypto
 
 # What the four programs share; sees the public headers and base only.
-TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/tool/*.c))
+TOOL_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard client/tool/*.c)))
 TOOL_LIB := $(BUILD)/libumbrage-tool.a
 
 # Shared libraries for other programs; ours link the archives. A library exports what its list in
@@ -41,16 +42,28 @@ $(EXPORTS:%=$(BUILD)/gen/%.map): $(BUILD)/gen/%.map: client/exports/%.txt
 	$(call say,GEN,$@)
 	$(Q){ echo 'UMBRAGE_$(SONAME) { global:'; sed 's/$$/;/' $<; echo 'local: *; };'; } >$@
 
+# The copies in BUILD/wheel find what the wheel carries beside them. RPATH, unlike RUNPATH, also serves the needs of the
+# carried libraries.
+WHEEL_LIBS := $(EXPORTS:%=$(BUILD)/wheel/lib/lib%.so.$(SONAME))
+WHEEL_LDFLAGS := -s -Wl,--disable-new-dtags -Wl,-rpath,'$$ORIGIN/../lib'
+wheel_flags = $(if $(filter $(BUILD)/wheel/%,$@),$(WHEEL_LDFLAGS))
+define shared_library
+@mkdir -p $(@D)
+$(call say,LD,$@)
+$(Q)$(CC) $(LDFLAGS_ALL) $(wheel_flags) -shared -Wl,-soname,$(@F),-z,defs,-Bsymbolic-functions,--version-script=$< \
+	$(filter %.o,$^) -Wl,--as-needed $(filter-out %.o %.map,$^) $(LIBS_$*) -o $@
+endef
 $(EXPORTS:%=$(BUILD)/lib%.so.$(SONAME)): $(BUILD)/lib%.so.$(SONAME): $(BUILD)/gen/%.map
-	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) -shared -Wl,-soname,$(@F),-z,defs,-Bsymbolic-functions,--version-script=$< \
-		$(filter %.o,$^) -Wl,--as-needed $(filter-out %.o %.map,$^) $(LIBS_$*) -o $@
+	$(shared_library)
+$(WHEEL_LIBS): $(BUILD)/wheel/lib/lib%.so.$(SONAME): $(BUILD)/gen/%.map
+	$(shared_library)
 
 # Small private units that two libraries use are compiled into both.
 RPC_SHARED := $(patsubst %,$(BUILD)/client/core/%.o,base/query_settings base/utf8 maps/map_view)
-$(BUILD)/libumbrage-core.so.$(SONAME): $(CORE_OBJ)
-$(BUILD)/libumbrage-maps.so.$(SONAME): $(MAPS_OBJ) $(BUILD)/client/core/base/memory.o $(BUILD)/libumbrage-core.so.$(SONAME)
-$(BUILD)/libumbrage.so.$(SONAME): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)
+both = $(addsuffix /$(1).so.$(SONAME),$(BUILD) $(BUILD)/wheel/lib)
+$(call both,libumbrage-core): $(CORE_OBJ)
+$(call both,libumbrage-maps): $(MAPS_OBJ) $(BUILD)/client/core/base/memory.o $(BUILD)/libumbrage-core.so.$(SONAME)
+$(call both,libumbrage): $(RPC_OBJ) $(RPC_SHARED) $(BUILD)/libumbrage-wire.a $(BUILD)/libumbrage-core.so.$(SONAME)
 LIBS_umbrage-core = $(CORE_LIBS)
 LIBS_umbrage-maps = -lm
 LIBS_umbrage      = $(RPC_LIBS) -lm
@@ -72,8 +85,8 @@ endef
 $(eval $(call page,client/tool/report_head.html))
 $(eval $(call page,client/load/load_page.html))
 
-CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/cli/*.c client/cli/*/*.c))
-LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard client/load/*.c)) $(BUILD)/gen/load_page.o
+CLI_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard client/cli/*.c client/cli/*/*.c)))
+LOAD_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard client/load/*.c))) $(BUILD)/gen/load_page.o
 
 CLI_LIB := $(BUILD)/libumbrage-cli.a
 LOAD_LIB := $(BUILD)/libumbrage-load.a
@@ -99,6 +112,7 @@ libraries: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) $(SHARED_LIBS) ## libumbrage-core,
 client: $(BUILD)/umbrage libraries ## the libraries and the umbrage command
 
 include client/python/module.mk
+include client/web/module.mk
 
 abi: libraries ## compare the libraries with those of the last tag (abidiff, where it is)
 	@sh tests/abi/last_tag.sh $(BUILD)

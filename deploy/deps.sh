@@ -24,7 +24,9 @@ if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then
 fi
 optional="
     clang clang-tidy clang-format valgrind abigail-tools
+    lld wasi-libc libclang-rt-dev-wasm32 nodejs node-typescript
     chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
+    debhelper dh-python debootstrap faketime locales reuse lintian python3-yaml python3-matplotlib python3-pip mypy
 "
 
 usage() {

@@ -95,7 +95,7 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -D -m 0644 deploy/systemd/umbrage.sysusers $(DESTDIR)$(sysusersdir)/umbrage.conf
 	install -D -m 0644 deploy/systemd/umbrage.tmpfiles $(DESTDIR)$(tmpfilesdir)/umbrage.conf
 	install -d $(DESTDIR)$(datadir)
-	install -m 0644 deploy/haproxy/haproxy.cfg deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
+	install -m 0644 deploy/haproxy/haproxy.cfg deploy/nginx/umbrage-assets.conf deploy/caddy/Caddyfile deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
 	install -d $(DESTDIR)$(datadir)/slurm
 	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
@@ -108,11 +108,26 @@ NAMED := umbrage-$(VERSION)
 dist: ## source archive of the last commit: the same bytes on every machine
 	@mkdir -p $(BUILD)/dist
 	$(call say,TAR,$(BUILD)/dist/$(NAMED).tar.gz)
-	$(Q)git archive --format=tar --prefix=$(NAMED)/ HEAD | gzip -9n >$(BUILD)/dist/$(NAMED).tar.gz
+	$(Q)git -c tar.umask=0022 archive --format=tar --prefix=$(NAMED)/ HEAD | gzip -9n >$(BUILD)/dist/$(NAMED).tar.gz
 
 deb: dist ## Debian packages of the last commit, in BUILD/deb (debhelper, dh-python)
 	@BUILD=$(BUILD) sh deploy/deb.sh $(VERSION)
 
+sbom: dist $(PROGRAMS) $(SHARED_LIBS) ## bill of materials (SPDX 2.3) of programs and libraries, in BUILD/dist
+	$(Q)/usr/bin/python3 deploy/sbom.py $(VERSION) $(BUILD)/dist/$(NAMED).tar.gz $(BUILD)/dist/$(NAMED).spdx.json $(PROGRAMS) $(SHARED_LIBS)
+
+# The wheel is of the objects of the packages, the bill of materials of the programs and libraries in them.
+DEB_TREE = $(BUILD)/deb/$(NAMED)
+release: ## everything of a release in BUILD/dist: source archive, packages, wheel, bill of materials, SHA256SUMS
+	$(Q)rm -rf $(BUILD)/dist
+	@$(MAKE) --no-print-directory deb
+	$(Q)export SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) && \
+		env -u MAKEFLAGS -u CC $(MAKE) --no-print-directory -C $(DEB_TREE) BUILD=build/release NANOVDB= wheel && \
+		cp $(DEB_TREE)/build/release/dist/*.whl $(BUILD)/deb/*.deb $(BUILD)/dist && \
+		/usr/bin/python3 deploy/sbom.py $(VERSION) $(BUILD)/dist/$(NAMED).tar.gz $(BUILD)/dist/$(NAMED).spdx.json \
+			$(DEB_TREE)/debian/umbrage*/usr/bin/* $(DEB_TREE)/debian/libumbrage1/usr/lib/*/*.so.$(SONAME)
+	$(Q)cd $(BUILD)/dist && LC_ALL=C && export LC_ALL && sha256sum -- *.* >SHA256SUMS && cat SHA256SUMS
+
 FORCE:
 
-.PHONY: dist deb install-python completions container deps deps-full demo man install install-docs install-libraries FORCE
+.PHONY: sbom release dist deb install-python completions container deps deps-full demo man install install-docs install-libraries FORCE

@@ -2,11 +2,11 @@
 # Generated protobuf-c code stays in build/; the wire library turns it into plain structs.
 INC_proto = -Iclient/include -Iclient/core -Iproto -I$(BUILD)/gen
 
-PROTO_SRC := $(wildcard proto/umbrage/v1/*.proto) proto/grpc/health/v1/health.proto \
+PROTO_SRC := $(sort $(wildcard proto/umbrage/v1/*.proto)) proto/grpc/health/v1/health.proto \
 	proto/grpc/reflection/v1/reflection.proto
 PROTO_GEN_C := $(PROTO_SRC:proto/%.proto=$(BUILD)/gen/%.pb-c.c)
 PROTO_GEN_O := $(PROTO_GEN_C:.c=.o)
-WIRE_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)) $(PROTO_GEN_O) $(BUILD)/gen/descriptor_set.o
+WIRE_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/wire/*.c))) $(PROTO_GEN_O) $(BUILD)/gen/descriptor_set.o
 WIRE_LIB := $(BUILD)/libumbrage-wire.a
 WIRE_LIBS := -lprotobuf-c -lz
 
@@ -36,11 +36,11 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) -Wno-conversion -Wno-shadow -I$(BUILD)/gen -c $< -o $@
 
-$(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/wire/*.c)): | $(PROTO_GEN_C)
+$(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/wire/*.c))): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
 # Addresses and TLS: part of the client library and of the daemon.
-NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard proto/net/*.c))
-$(RPC_LIB) $(BUILD)/libumbrage.so.$(SONAME): $(NET_OBJ)
+NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/net/*.c)))
+$(RPC_LIB) $(call both,libumbrage): $(NET_OBJ)
 # Installed libraries contain the wire library's objects, so it is not installed itself. Only
 # servers decompress requests (gunzip).
 $(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))

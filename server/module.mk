@@ -3,24 +3,25 @@
 # libraries that they share.
 INC_server = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -I$(BUILD)/gen
 
-COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/common/*.c))
-SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/scene/*.c))
-STORE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/store/*.c))
-RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/rays/*.c))
-JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/jobs/*.c))
-DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/daemon/*.c server/daemon/*/*.c))
-BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/bake/*.c server/bake/*/*.c))
-STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(wildcard server/study/*.c)) $(BUILD)/gen/study_page.o
+COMMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/common/*.c)))
+SCENE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/scene/*.c)))
+STORE_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/store/*.c)))
+RAYS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/rays/*.c)))
+JOBS_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/jobs/*.c)))
+DAEMON_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/daemon/*.c server/daemon/*/*.c)))
+BAKE_OBJ   := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/bake/*.c server/bake/*/*.c)))
+STUDY_OBJ  := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard server/study/*.c))) $(BUILD)/gen/study_page.o
 # The study compares NanoVDB, a sparse volume, with umbrage where NanoVDB's headers are installed
-# (libnanovdb-dev).
-ifneq ($(shell $(CXX) -std=c++17 -include nanovdb/NanoVDB.h -E -x c++ /dev/null >/dev/null 2>&1 && echo yes),)
+# (libnanovdb-dev); NANOVDB= builds without it.
+NANOVDB ?= $(shell $(CXX) -std=c++17 -include nanovdb/NanoVDB.h -E -x c++ /dev/null >/dev/null 2>&1 && echo yes)
+ifneq ($(NANOVDB),)
 STUDY_VOLUME := $(BUILD)/server/study/nanovdb_peer.o
 STUDY_OBJ    := $(filter-out %/nanovdb_absent.o,$(STUDY_OBJ)) $(STUDY_VOLUME)
 STUDY_LIBS   := -lstdc++
 $(STUDY_VOLUME): server/study/nanovdb_peer.cc server/study/nanovdb_peer.h
 	@mkdir -p $(@D)
 	$(call say,CXX,$<)
-	$(Q)$(CXX) -std=c++17 -g -O3 -DNDEBUG $(HARDEN_CFLAGS) $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
+	$(Q)$(CXX) -std=c++17 -g $(PLACE) -O3 -DNDEBUG $(HARDEN_CFLAGS) $(AVX2_FLAGS) -ffp-contract=off -fPIC -Iserver -c $< -o $@
 endif
 # The shadow map that the study compares with umbrage gets more optimisation than umbrage itself.
 $(BUILD)/server/study/shadow_map16_avx2.o: AVX2_FLAGS += -O3
@@ -69,9 +70,10 @@ $(BUILD)/umbraged: $(BUILD)/server/daemon/daemon_main.o $(DAEMON_LIB) $(JOBS_LIB
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS) -o $@
 
-$(BUILD)/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
+$(BUILD)/umbrage-bake $(BUILD)/wheel/bin/umbrage-bake: $(BUILD)/server/bake/bake_main.o $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
+	@mkdir -p $(@D)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $(wheel_flags) $^ -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CORE_LIBS) -o $@
 
 $(BUILD)/umbrage-study: $(BUILD)/server/study/study_main.o $(STUDY_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 	$(call say,LD,$@)

@@ -11,6 +11,7 @@ HARNESS_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/harness/*.c))
 
 TEST_LIBS_core   = $(CORE_LIB)
 TEST_LIBS_maps   = $(MAPS_LIB) $(CORE_LIB)
+TEST_LIBS_web    = $(WEB_LIB) $(CORE_LIB)
 TEST_LIBS_wire   = $(WIRE_LIB) $(CORE_LIB)
 TEST_LIBS_rpc    = $(RPC_LIB) $(CORE_LIB)
 TEST_LIBS_tool   = $(TOOL_LIB) $(CORE_LIB)
@@ -26,6 +27,7 @@ TEST_LIBS_jobs   = $(JOBS_LIB) $(COMMON_LIB) $(TOOL_LIB) $(CORE_LIB)
 TEST_LIBS_daemon = $(DAEMON_LIB) $(JOBS_LIB) $(STORE_LIB) $(COMMON_LIB) $(TOOL_LIB) $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 TEST_SYS_core   = $(CORE_LIBS) -lcrypto
 TEST_SYS_maps   = $(CORE_LIBS)
+TEST_SYS_web    = $(CORE_LIBS) -lcrypto
 TEST_SYS_wire   = $(WIRE_LIBS) $(CORE_LIBS)
 TEST_SYS_rpc    = $(RPC_LIBS) $(CORE_LIBS)
 TEST_SYS_tool   = $(CORE_LIBS)
@@ -40,7 +42,7 @@ TEST_SYS_bake   = -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_jobs   = -lsqlite3 $(COMMON_LIBS) $(CORE_LIBS)
 TEST_SYS_daemon = -lsqlite3 -luv -lnghttp2 $(WIRE_LIBS) -lssl $(COMMON_LIBS) -linih $(CORE_LIBS)
 
-UNIT_PARTS := core maps wire rpc tool cli load common scene store rays study bake jobs daemon
+UNIT_PARTS := core maps web wire rpc tool cli load common scene store rays study bake jobs daemon
 UNIT_TESTS :=
 
 define unit_part
@@ -76,11 +78,11 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
 SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
-system: python $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
+system: python web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
-release-needs: all python $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-needs: all python web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
 release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
@@ -182,7 +184,20 @@ $(BUILD)/bias_race: $(BUILD)/tests/bench/bias_race.o $(TEST_LIBS_study)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 bias-table: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bias_race ## biases of wide windows against rays, five scenes, three suns: ten minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bias_table.py
-.PHONY: bias-table
+picture-table: $(PROGRAMS) $(BUILD)/scenegen ## false light and false shadow of default pictures, six scenes, three suns: minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/picture_table.py
+.PHONY: bias-table picture-table
+
+# Packages: root and debootstrap; the release is made twice, without a cache of compilers.
+test-deb: deb ## Debian packages in a bare root: first answer, purge, upgrade, downgrade (root, debootstrap)
+	@BUILD=$(BUILD) sh tests/packaging/test_deb.sh
+
+test-wheel: wheel ## the wheel: what it carries, its tag, pip in a bare root
+	@BUILD=$(BUILD) sh tests/packaging/test_wheel.sh
+
+test-reproducible: ## two releases on other paths, times, locales, umasks have the same bits: half an hour
+	@BUILD=$(BUILD) sh tests/packaging/reproducible.sh
+.PHONY: test-deb test-wheel test-reproducible
 
 budgets: $(PROGRAMS) $(BUILD)/scenegen ## --budget on 10^6 points against its calibration: two minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/budgets.py

@@ -10,9 +10,11 @@
 #include "tool/clock.h"
 
 #include <curl/curl.h>
+#include <errno.h>
 #include <inttypes.h>
 #include <limits.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,6 +23,7 @@ enum {
     CONNECT_TIMEOUT_S = 15,
     STALL_S = 30,           /* seconds below a byte a second after which a request fails */
     SLOWEST_BYTES_S = 1024, /* bytes a second that a range must have after STALL_S */
+    TOKEN_MAX = 4096,       /* characters of a token */
 };
 
 /* One request under way. */
@@ -37,7 +40,8 @@ struct fetch {
 struct http {
     CURLM *multi;
     char *url;
-    double stop_s; /* Time of umbu_clock_s at which all requests end; 0: never */
+    char token[TOKEN_MAX + 2]; /* Bearer token; empty: none */
+    double stop_s;             /* Time of umbu_clock_s at which all requests end; 0: never */
     struct fetch fetches[AT_ONCE];
 };
 
@@ -97,6 +101,15 @@ static enum umb_status begin(struct http *http, struct fetch *fetch, size_t inde
     return UMB_OK;
 }
 
+static enum umb_status refusal_status(long code)
+{
+    return code == 404   ? UMB_E_NO_INPUT
+           : code == 401 ? UMB_E_UNAUTHENTICATED
+           : code == 403 ? UMB_E_PERMISSION
+           : code == 429 ? UMB_E_BUSY
+                         : UMB_E_UNAVAILABLE;
+}
+
 static enum umb_status judge(const struct http *http, const struct fetch *fetch, CURLcode result,
                              struct umb_error *error)
 {
@@ -114,8 +127,8 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
                         fetch->reason[0] ? fetch->reason : curl_easy_strerror(result));
     }
     if (code != 206) {
-        return umb_fail(error, code == 404 ? UMB_E_NO_INPUT : UMB_E_UNAVAILABLE,
-                        "'%.200s': the server says %ld", http->url, code);
+        return umb_fail(error, refusal_status(code), "'%.200s': the server says %ld%s", http->url,
+                        code, code == 401 ? "; give --token-file" : "");
     }
     return UMB_OK;
 }
@@ -181,6 +194,55 @@ static enum umb_status read_ranges(void *user, const struct umb_range *ranges, s
     return status;
 }
 
+/* Reads the token of a file that holds nothing else but line ends. */
+static enum umb_status read_token(const char *path, char token[TOKEN_MAX + 2],
+                                  struct umb_error *error)
+{
+    FILE *file = fopen(path, "re");
+    if (!file) {
+        return umb_fail_errno(error, errno == ENOENT ? UMB_E_NO_INPUT : UMB_E_IO, errno,
+                              "--token-file: '%.200s'", path);
+    }
+    size_t size = fread(token, 1, TOKEN_MAX + 1, file);
+    const bool failed = ferror(file) != 0;
+    (void)fclose(file);
+    while (size > 0 && (token[size - 1] == '\n' || token[size - 1] == '\r')) {
+        size--;
+    }
+    token[size] = '\0';
+    for (size_t i = 0; i < size; i++) {
+        if (token[i] <= ' ' || token[i] > '~') {
+            size = 0;
+        }
+    }
+    return !failed && size > 0 && size <= TOKEN_MAX
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "--token-file: '%.200s' must hold one token of 1 to %d characters", path,
+                          TOKEN_MAX);
+}
+
+/* Sets token and certificates of a request. */
+static bool identify(const struct http *http, const struct umb_client_options *identity, CURL *easy)
+{
+    const struct {
+        CURLoption option;
+        const char *value;
+    } texts[] = {
+        {CURLOPT_XOAUTH2_BEARER, http->token[0] != '\0' ? http->token : NULL},
+        {CURLOPT_CAINFO, identity->ca_file},
+        {CURLOPT_SSLCERT, identity->certificate_file},
+        {CURLOPT_SSLKEY, identity->key_file},
+    };
+    bool ok = http->token[0] == '\0' ||
+              curl_easy_setopt(easy, CURLOPT_HTTPAUTH, (long)CURLAUTH_BEARER) == CURLE_OK;
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0] && ok; i++) {
+        ok = texts[i].value == NULL ||
+             curl_easy_setopt(easy, texts[i].option, texts[i].value) == CURLE_OK;
+    }
+    return ok;
+}
+
 static bool prepare(const struct http *http, struct fetch *fetch)
 {
     /* A redirect must not lead from TLS to plain HTTP. */
@@ -201,8 +263,9 @@ static bool prepare(const struct http *http, struct fetch *fetch)
            curl_easy_setopt(fetch->easy, CURLOPT_LOW_SPEED_TIME, (long)STALL_S) == CURLE_OK;
 }
 
-enum umb_status umbc_http_open(const char *url, double stop_s, struct umb_region_source *source,
-                               struct umb_error *error)
+enum umb_status umbc_http_open(const char *url, double stop_s,
+                               const struct umb_client_options *identity,
+                               struct umb_region_source *source, struct umb_error *error)
 {
     *source = (struct umb_region_source){0};
     if (strncmp(url, "http://", 7) != 0 && strncmp(url, "https://", 8) != 0) {
@@ -218,8 +281,15 @@ enum umb_status umbc_http_open(const char *url, double stop_s, struct umb_region
         http->stop_s = stop_s;
         ok = http->multi && http->url;
     }
+    if (ok && identity->token_file) {
+        const enum umb_status status = read_token(identity->token_file, http->token, error);
+        if (status != UMB_OK) {
+            umbc_http_close(source);
+            return status;
+        }
+    }
     for (size_t i = 0; i < AT_ONCE && ok; i++) {
-        ok = prepare(http, &http->fetches[i]);
+        ok = prepare(http, &http->fetches[i]) && identify(http, identity, http->fetches[i].easy);
     }
     if (!ok) {
         umbc_http_close(source);

@@ -70,8 +70,10 @@ static enum umb_status read_box(const struct umbu_option *option, const char *te
 static const struct umbu_option OPTIONS[] = {
     {"FILE|ASSET", NULL, "packed asset file (.umb), or asset of the daemon", UMBU_TEXT, AT(target)},
     {"from-file", "FILE", "packed asset file (.umb)", UMBU_TEXT, AT(file), .excludes = "from-url"},
-    {"from-url", "URL", "packed asset file on a web server that serves byte ranges", UMBU_TEXT,
-     AT(url)},
+    {"from-url", "URL",
+     "packed asset file on umbraged (--http) or a web server that serves byte ranges; a token is "
+     "sent only with --token-file",
+     UMBU_TEXT, AT(url)},
     {"box", "X0,Y0,Z0,X1,Y1,Z1",
      "two corners, in metres, of the box that the queried points lie in",
      UMBU_READ(read_box, "X0,Y0,Z0,X1,Y1,Z1"), AT(base)},
@@ -296,7 +298,7 @@ static enum umb_status open_source(struct stream *s, struct umb_error *error)
 {
     if (s->o.url) {
         return umbc_http_open(s->o.url, s->o.timeout_s > 0 ? umbu_clock_s() + s->o.timeout_s : 0,
-                              &s->source, error);
+                              &s->o.session.options, &s->source, error);
     }
     if (s->o.file) {
         return umb_region_file_open(s->o.file, &s->source, error);

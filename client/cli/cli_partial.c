@@ -2,7 +2,6 @@
 /* Opens partial files; see cli_partial.h. */
 #include "cli_partial.h"
 
-#include <stdio.h>
 #include "tool/tool_try.h"
 #include "umbrage/file.h"
 #include "umbrage/region.h"
@@ -12,15 +11,15 @@
 
 bool umbc_is_partial(const char *path)
 {
-    uint8_t bytes[UMB_FILE_HEAD_BYTES];
     struct umb_file_head head;
-    FILE *file = fopen(path, "rb");
-    if (file == NULL) {
+    struct umb_file file;
+    struct umb_error error;
+    if (umb_file_open(path, &file, &error) != UMB_OK) {
         return false;
     }
-    const size_t size = fread(bytes, 1, sizeof bytes, file);
-    (void)fclose(file);
-    return umb_file_read_head(bytes, size, &head, NULL) == UMB_E_UNSUPPORTED;
+    const enum umb_status status = umb_file_read_head(file.bytes, file.size, &head, &error);
+    umb_file_close(&file);
+    return status == UMB_E_UNSUPPORTED;
 }
 
 /* Adds all blocks of the directory of a packed file. */

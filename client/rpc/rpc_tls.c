@@ -71,7 +71,7 @@ enum umb_status umb__tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t
     switch (umbn_tls_open(tls, bytes, count, take, user)) {
     case UMBN_TLS_BROKEN:
         return explain(tls, error);
-    case UMBN_TLS_NO_H2:
+    case UMBN_TLS_NO_PROTOCOL:
         return umb_fail(error, UMB_E_PROTOCOL, "the server speaks TLS, but not HTTP/2 (ALPN)");
     case UMBN_TLS_OVER:
         return umb_fail(error, UMB_E_UNAVAILABLE, "connection closed by the server");

@@ -20,6 +20,7 @@ struct umbn_tls {
     umbn_records_fn sink;
     void *user; /* argument of the sink */
     bool ready;
+    bool is_http1;
 };
 
 static int bio_read(BIO *bio, char *to, size_t count, size_t *got)
@@ -98,6 +99,11 @@ void umbn_tls_destroy(struct umbn_tls *tls)
     }
 }
 
+void umbn_tls_take_http1(struct umbn_tls *tls)
+{
+    tls->is_http1 = true;
+}
+
 SSL *umbn_tls_ssl(const struct umbn_tls *tls)
 {
     return tls->session;
@@ -119,8 +125,9 @@ static int shake_hands(struct umbn_tls *tls)
     }
     /* OpenSSL accepts a peer that offers no protocol at all. */
     SSL_get0_alpn_selected(tls->session, &protocol, &size);
-    tls->ready = size == 2 && memcmp(protocol, "h2", 2) == 0;
-    return tls->ready ? 0 : UMBN_TLS_NO_H2;
+    tls->ready = tls->is_http1 ? size == 0 || (size == 8 && memcmp(protocol, "http/1.1", 8) == 0)
+                               : size == 2 && memcmp(protocol, "h2", 2) == 0;
+    return tls->ready ? 0 : UMBN_TLS_NO_PROTOCOL;
 }
 
 int umbn_tls_open(struct umbn_tls *tls, const uint8_t *bytes, size_t count, umbn_plain_fn take,

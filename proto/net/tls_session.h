@@ -40,6 +40,10 @@ UMB_CHECKED enum umb_status umbn_tls_create(SSL *session, umbn_records_fn sink, 
                                             struct umbn_tls **tls);
 void umbn_tls_destroy(struct umbn_tls *tls); /* NULL is allowed */
 
+/* The protocol is HTTP/1.1, which a peer may also mean that offers no protocol (ALPN). Without this
+ * call it is HTTP/2, which both peers must name. Call it before the first umbn_tls_open. */
+void umbn_tls_take_http1(struct umbn_tls *tls);
+
 /* Returns OpenSSL's session, borrowed, to read certificates and results. */
 SSL *umbn_tls_ssl(const struct umbn_tls *tls);
 
@@ -50,7 +54,7 @@ bool umbn_tls_ready(const struct umbn_tls *tls);
 enum umbn_tls_end {
     UMBN_TLS_BROKEN = -100000, /* No TLS, no trust, or an alert: OpenSSL's queue has the reason */
     UMBN_TLS_OVER = -100001,   /* the peer said goodbye */
-    UMBN_TLS_NO_H2 = -100002,  /* the peers did not agree on HTTP/2 (ALPN) */
+    UMBN_TLS_NO_PROTOCOL = -100002, /* the peers did not agree on the protocol (ALPN) */
 };
 
 /*

@@ -122,6 +122,9 @@ static enum umb_status bake_depth(struct series *series, const struct umbb_depth
     }
     const enum umb_status status =
         umbb_bake_into(depth, &options, &series->pool, root, &figures, error);
+    if (tile_folder != NULL) {
+        umbb_tile_folder_frustum_end(tile_folder);
+    }
     add_figures(&series->figures, &figures);
     series->texels_before += figures.texels;
     return status;

@@ -2,6 +2,8 @@
 /* Key figures of a bake. */
 #include "bake/bake_report.h"
 
+#include <time.h>
+
 #include "bake/analysis/plan.h"
 
 /* Bytes of 16-bit shadow maps of the same resolution, one map a frustum. */
@@ -11,10 +13,28 @@ static double shadow_map_bytes(const struct umbb_report *r)
            (double)((uint64_t)r->analysis->frustum_count << (2 * r->options->resolution_log2));
 }
 
+/* Prints what the self-check inherited from earlier bakes, and what it compared instead. */
+static void print_inherited(FILE *to, const struct umbb_checked *checked)
+{
+    const time_t oldest = (time_t)checked->oldest_s;
+    struct tm utc;
+    char stamp[32] = "";
+    if (oldest > 0 && gmtime_r(&oldest, &utc) != NULL) {
+        strftime(stamp, sizeof stamp, ", the oldest %Y-%m-%d", &utc);
+    }
+    fprintf(to,
+            "proven      before: %llu of %llu tiles, and %llu squares%s; now: %llu squares by %llu "
+            "columns\n",
+            (unsigned long long)checked->tiles_inherited, (unsigned long long)checked->tiles,
+            (unsigned long long)checked->squares_inherited, stamp,
+            (unsigned long long)checked->squares, (unsigned long long)checked->columns);
+}
+
 void umbb_report_print(FILE *to, const struct umbb_report *r)
 {
     const struct umbb_analysis *a = r->analysis;
-    const struct umbr_verify_result *v = &r->publish->verified;
+    const struct umbb_checked *checked = &r->publish->checked;
+    const struct umbr_verify_result *v = &checked->verified;
     char id[UMB_ID_TEXT_SIZE];
     umb_id_to_text(r->publish->id, id);
     fprintf(to, "asset       %s\n", id);
@@ -51,7 +71,10 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
                 1e-6 * (double)r->figures.texels / (r->seconds_bake > 0.0 ? r->seconds_bake : 1e-9),
                 r->depth_path);
     }
-    if (r->options->verify_points > 0) {
+    if (checked->tiles > 0) {
+        print_inherited(to, checked);
+    }
+    if (checked->sampled) {
         fprintf(to,
                 "verified    %llu points against rays: %llu differ within a voxel of a boundary, "
                 "%llu elsewhere\n",
@@ -100,14 +123,21 @@ static void put_seconds(struct umbu_json *json, const char *key, double seconds)
     umbu_json_rounded(json, key, seconds, 6);
 }
 
-static void put_verified(struct umbu_json *json, const struct umbr_verify_result *v)
+static void put_verified(struct umbu_json *json, const struct umbb_checked *checked)
 {
+    const struct umbr_verify_result *v = &checked->verified;
     umbu_json_begin(json, "verify", '{');
     umbu_json_integer(json, "points", v->points);
     umbu_json_integer(json, "near_boundary", v->near_boundary);
     umbu_json_integer(json, "skipped_inside", v->skipped_inside);
     umbu_json_integer(json, "inside_band", v->inside_band);
     umbu_json_integer(json, "outside_band", v->outside_band);
+    umbu_json_bool(json, "sampled", checked->sampled);
+    umbu_json_integer(json, "tiles_inherited", checked->tiles_inherited);
+    umbu_json_integer(json, "squares_inherited", checked->squares_inherited);
+    umbu_json_integer(json, "squares_compared", checked->squares);
+    umbu_json_integer(json, "columns", checked->columns);
+    umbu_json_integer(json, "oldest", checked->oldest_s);
 }
 
 void umbb_report_print_json(FILE *to, const struct umbb_report *r)
@@ -136,7 +166,7 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     put_seconds(&json, "verify", r->seconds_verify);
     put_seconds(&json, "total", r->seconds_total);
     umbu_json_end(&json, '}');
-    put_verified(&json, &r->publish->verified);
+    put_verified(&json, &r->publish->checked);
     umbu_json_close(&json);
 }
 

@@ -25,14 +25,19 @@
 #include "bake/write/curve_points.h"
 #include "bake/write/publish.h"
 #include "base/try.h"
+#include "common/private_folder.h"
 #include "tool/clock.h"
 #include "tool/output.h"
+#include "tool/threads.h"
 #include "scene/scene_file.h"
 #include "format/receiver_mask.h"
 #include "umbrage/version.h"
 
 /* Limit of frusta under the static rule: 32 KiB each, in a head of at most 64 MiB. */
 #define STATIC_FRUSTA_MAX 1024U
+
+/* Share of --memory that records of earlier self-checks may take. */
+#define PROOFS_SHARE 32U
 
 /* State of a run. */
 struct run {
@@ -42,6 +47,8 @@ struct run {
     struct umbb_bake_sandbox sandbox;
     struct umbb_analysis analysis;
     char *plan, *settings;
+    struct umbu_threads *hashing;     /* thread that hashes the scene; NULL: nothing is hashed */
+    uint8_t scene_hash[UMB_ID_BYTES]; /* set by that thread */
     struct umb__octree octree;
     struct umbb_occluder_depth_words occluder_depth;
     struct umb__transmittance_bytes transmittance;
@@ -49,6 +56,7 @@ struct run {
     struct umbb_publish publish;
     struct umbb_report report;
     struct umbb_tile_folder tile_folder; /* its cache.folder is NULL if no folder is used */
+    struct umbb_proofs proofs;           /* records of earlier self-checks, or zero */
     uint64_t check_max_bytes;            /* limit of the asset's memory during its check */
     double start_s;
 };
@@ -129,6 +137,7 @@ static struct umbb_memory_input memory_input(const struct run *run)
         .threads = o->threads,
         .closed_rule = run->analysis.closed_rule || o->static_rule,
         .ruled_frusta = o->static_rule ? run->analysis.frustum_count : 0,
+        .copies = run->analysis.keeps_corners,
         .merging = o->task == UMBB_TASK_MERGE,
         .traced = o->depth == UMBB_DEPTH_EMBREE,
         .projected = sees_from_a_point(&run->analysis),
@@ -208,6 +217,24 @@ static enum umb_status check_static(const struct run *run, struct umb_error *err
                           analysis->frustum_count, STATIC_FRUSTA_MAX);
 }
 
+static void hash_scene(void *user, uint32_t slice, unsigned thread)
+{
+    struct run *run = user;
+    (void)slice, (void)thread;
+    umbs_scene_hash(&run->scene->view, run->scene_hash);
+}
+
+/* Starts hashing the scene beside the analysis and the bake. */
+static enum umb_status start_hash(struct run *run, struct umb_error *error)
+{
+    if (run->options->plan || run->options->task == UMBB_TASK_TILE) {
+        return UMB_OK; /* no asset is written */
+    }
+    UMB__TRY(umbu_threads_create(run->options->threads < 2 ? 1 : 2, &run->hashing, error));
+    umbu_threads_start(run->hashing, hash_scene, run, 1);
+    return UMB_OK;
+}
+
 static enum umb_status analyse(struct run *run, struct umb_error *error)
 {
     const struct umbs_scene_view *view = &run->scene->view;
@@ -242,20 +269,54 @@ static enum umb_status open_tile_folder(struct run *run, struct umb_error *error
     enum umb_status status = UMB_OK;
     if (o->task == UMBB_TASK_TILE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_TILE, o->output,
-                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX, error);
+                                       o->cache_size_given ? o->cache_bytes : UINT64_MAX,
+                                       o->threads, error);
     } else if (o->task == UMBB_TASK_MERGE) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_MERGE, o->from,
-                                       UINT64_MAX, error);
+                                       UINT64_MAX, o->threads, error);
     } else if (o->cache != NULL && o->static_rule) {
         print_notices(o->quiet ? NULL
                                : "--cache: the static rule needs the whole map: every tile is "
                                  "baked");
     } else if (o->cache != NULL) {
         status = umbb_tile_folder_open(&run->tile_folder, UMBB_TILE_FOLDER_CACHE, o->cache,
-                                       o->cache_bytes, error);
+                                       o->cache_bytes, o->threads, error);
     }
     run->tile_folder.quiet = o->quiet;
     return status;
+}
+
+/* Reads the records of earlier self-checks, which only a cache that no other user can change may
+ * hold. */
+static enum umb_status open_proofs(struct run *run, const struct umbb_memory_plan *memory,
+                                   struct umb_error *error)
+{
+    const struct umbb_options *o = run->options;
+    char *resolved;
+    struct umb_error cause;
+    if (run->tile_folder.cache.folder == NULL || o->task != UMBB_TASK_BAKE ||
+        o->verify_points == 0 || run->analysis.count == 0) {
+        return UMB_OK;
+    }
+    if (umbs_private_folder(o->cache, &resolved, &cause) != UMB_OK) {
+        if (!o->quiet) {
+            fprintf(stderr,
+                    "umbrage-bake: notice: --cache: the self-check compares every tile: %s\n",
+                    cause.message);
+        }
+        return UMB_OK;
+    }
+    free(resolved);
+    const struct umbb_proofs_job job = {
+        .analysis = &run->analysis,
+        .tile_log2 = memory->tile_log2,
+        .occluder_depth = o->occluder_depth && run->analysis.closed_rule,
+        .points = umbb_check_points(o->verify_points, run->analysis.choice.count),
+        .max_bytes = (size_t)(o->memory_bytes / PROOFS_SHARE),
+        .cache = &run->tile_folder.cache,
+    };
+    run->tile_folder.proofs = &run->proofs;
+    return umbb_proofs_open(&run->proofs, &job, error);
 }
 
 /* Checks tiles that several machines share: the tile size must be as requested, and tile numbers
@@ -358,6 +419,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
     UMB__TRY(umbb_head_occluder_depth_bytes(&content, run->analysis.translucent_count > 0,
                                             &occluder_depth_bytes, error));
     UMB__TRY(open_tile_folder(run, error));
+    UMB__TRY(open_proofs(run, &memory, error));
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbu_clock_s();
@@ -398,11 +460,13 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     struct umb__content content = content_of(run);
     content.notes = notes;
     memcpy(content.origin, run->analysis.origin, sizeof content.origin);
-    umbs_scene_hash(&run->scene->view, content.scene_hash);
+    umbu_threads_wait(run->hashing, NULL, NULL);
+    memcpy(content.scene_hash, run->scene_hash, sizeof content.scene_hash);
     run->publish.threads = run->options->threads;
     UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
     if (run->analysis.count > 0) {
-        UMB__TRY(umbb_curve_add(&run->analysis, &run->octree, &content, error));
+        UMB__TRY(
+            umbb_curve_add(&run->analysis, &run->octree, run->options->threads, &content, error));
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
@@ -432,6 +496,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .threads = run->options->threads,
         .quiet = run->options->quiet,
         .max_memory_bytes = run->check_max_bytes,
+        .proofs = run->proofs.frusta != NULL ? &run->proofs : NULL,
     };
     const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
     free(corners);
@@ -439,13 +504,29 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
     return status;
 }
 
+/* Keeps the records of this self-check. Without them the next one compares more. */
+static void keep_proofs(const struct run *run)
+{
+    struct umb_error error;
+    if (umbb_proofs_keep(&run->proofs, &error) != UMB_OK && !run->options->quiet) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
+    }
+}
+
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
 {
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
     UMB__TRY(bake(run, error));
     UMB__TRY(write_asset(run, error));
-    UMB__TRY(check_asset(run, error));
-    return umbb_publish_commit(&run->publish, error);
+    const enum umb_status status = check_asset(run, error);
+    if (status == UMB_E_INTERNAL) {
+        umbb_proofs_refuse(
+            &run->proofs); /* so that the next bake does not find a wrong tile again */
+    }
+    UMB__TRY(status);
+    UMB__TRY(umbb_publish_commit(&run->publish, error));
+    keep_proofs(run);
+    return UMB_OK;
 }
 
 /* Saves the imported scene as a file. */
@@ -504,6 +585,7 @@ static enum umb_status run_task(struct run *run, struct umb_error *error)
     if (run->options->task == UMBB_TASK_IMPORT) {
         return save_scene(run, error);
     }
+    UMB__TRY(start_hash(run, error));
     UMB__TRY(analyse(run, error));
     if (run->options->plan) {
         print_plan(run);
@@ -525,11 +607,13 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     if (status == UMB_OK && fflush(stdout) != 0) {
         status = umb_fail(error, UMB_E_IO, "cannot write to standard output");
     }
+    umbu_threads_destroy(run.hashing);
     umbb_publish_abandon(&run.publish);
     umb__octree_finish(&run.octree);
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
     free(run.receiver_mask_cells);
     umb__transmittance_bytes_finish(&run.transmittance);
+    umbb_proofs_close(&run.proofs);
     umbb_tile_folder_close(&run.tile_folder);
     free(run.plan);
     free(run.settings);

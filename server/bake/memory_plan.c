@@ -13,6 +13,8 @@
 #define PROGRAM_BYTES ((uint64_t)16 << 20)
 /* Bytes of a triangle during the bake. */
 #define CORNER_BYTES 75U
+/* Bytes of a triangle's second copy. */
+#define COPY_BYTES 72U
 /* Bytes of a triangle's projections. Few triangles are cut; the array grows by half at a time. */
 #define PROJECTED_BYTES 160U
 #define PROJECTED_MIN   ((uint64_t)1 << 20)
@@ -45,7 +47,7 @@ static uint64_t tile_bytes(const struct umbb_memory_input *input, uint32_t tile_
 /* Bytes of a triangle during the bake. */
 static uint64_t baked_triangle(const struct umbb_memory_input *input)
 {
-    return CORNER_BYTES + (input->traced ? EMBREE_BYTES : 0) +
+    return CORNER_BYTES + (input->copies ? COPY_BYTES : 0) + (input->traced ? EMBREE_BYTES : 0) +
            (input->projected ? PROJECTED_BYTES : 0) + (input->ruled_frusta > 0 ? RULED_BYTES : 0);
 }
 

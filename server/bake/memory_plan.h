@@ -26,6 +26,7 @@ struct umbb_memory_input {
     unsigned threads;
     int closed_rule;       /* Closed or static rule: tiles have an `end` of their own */
     uint32_t ruled_frusta; /* frusta under the static rule; 0: off */
+    int copies;            /* 1: the world corners stay beside those in voxel space */
     int merging;           /* 1: every tile is found, none is drawn */
     int traced;            /* 1: depth by rays, with a bounding volume hierarchy */
     int projected; /* 1: spot or point lights, triangles are kept beside their projections */

@@ -6,7 +6,6 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <unistd.h>
 
 #include "base/try.h"
@@ -133,31 +132,17 @@ static void answer_metrics(struct admin_client *client, int head_only)
     free(text);
 }
 
-/*
- * Returns 1 if the request's Host header names this machine. In a DNS rebinding attack, a web
- * page's own name resolves to 127.0.0.1, and the browser sends that name as the host. A request
- * without a Host header comes from an old client, never from a browser.
- */
+/* Returns 1 if the request's Host header names this machine. A request without a Host header comes
+ * from an old client, never from a browser. */
 static int is_meant_for_us(const char *request)
 {
-    static const char *const names[] = {"localhost", "127.", "[::1]"};
     const char *host = strcasestr(request, "\r\nhost:");
     if (host == NULL) {
         return 1;
     }
     host += strlen("\r\nhost:");
     host += strspn(host, " \t");
-    size_t length = strcspn(host, " \t\r");
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        size_t known = strlen(names[i]);
-        if (length >= known && strncasecmp(host, names[i], known) == 0) {
-            const char *rest = names[i][known - 1] == '.'
-                                   ? host + known + strspn(host + known, "0123456789.")
-                                   : host + known;
-            return rest == host + length || *rest == ':';
-        }
-    }
-    return 0;
+    return umbd_host_is_local(host, strcspn(host, " \t\r"));
 }
 
 static void route(struct admin_client *client)

@@ -10,6 +10,7 @@
 
 #include "base/try.h"
 #include "daemon/base/service_manager.h"
+#include "daemon/service/services.h"
 #include "daemon/transport/loop.h"
 #include "daemon/work/calibrations.h"
 #include "daemon/work/pool.h"
@@ -187,6 +188,7 @@ enum umb_status umbd_daemon_init(struct umbd_daemon *daemon, const struct umbd_o
     daemon->server.calls = &umbd_call_events;
     daemon->server.backend = &daemon->backend;
     daemon->backend.methods = methods;
+    daemon->backend.web = &umbd_web_method;
     daemon->watchdog_ms = umbd_watchdog_ms();
     enum umb_status status = open_parts(daemon, error);
     /* Blocks the signals only now. Before, a signal ended the process in the default way, because

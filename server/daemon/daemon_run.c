@@ -57,6 +57,12 @@ static void keep_pages(void)
 #endif
 }
 
+/* Descriptors that a connection may take: its socket, and with --http the file that it sends. */
+static uint64_t connection_descriptors(const struct umbd_options *options)
+{
+    return options->http_count > 0 ? 2 : 1;
+}
+
 /*
  * Sets the limit of descriptors and returns it. Each connection and each mapped asset takes a
  * descriptor, and the soft limit of many systems is 1024. So the limit is raised before the first
@@ -66,7 +72,8 @@ static void keep_pages(void)
 static uint64_t raise_descriptors(const struct umbd_options *options)
 {
     struct rlimit limit;
-    uint64_t wanted = (uint64_t)options->max_connections + OTHER_DESCRIPTORS + ASSET_DESCRIPTORS;
+    uint64_t wanted = options->max_connections * connection_descriptors(options) +
+                      OTHER_DESCRIPTORS + ASSET_DESCRIPTORS;
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) {
         return wanted;
     }
@@ -81,11 +88,13 @@ static uint64_t raise_descriptors(const struct umbd_options *options)
  * for a descriptor; closing an idle connection or refusing the new one is better. */
 static void limit_connections(struct umbd_daemon *daemon, uint64_t descriptors)
 {
-    uint64_t needed = (uint64_t)daemon->server.options.max_connections + OTHER_DESCRIPTORS;
+    const uint64_t each = connection_descriptors(&daemon->server.options);
+    uint64_t needed = daemon->server.options.max_connections * each + OTHER_DESCRIPTORS;
     if (descriptors < needed) {
         daemon->server.max_connections =
-            (uint32_t)(descriptors > 2 * OTHER_DESCRIPTORS ? descriptors - OTHER_DESCRIPTORS
-                                                           : descriptors / 2);
+            (uint32_t)((descriptors > 2 * OTHER_DESCRIPTORS ? descriptors - OTHER_DESCRIPTORS
+                                                            : descriptors / 2) /
+                       each);
         umbs_log_event(&daemon->server.log, UMB_LOG_WARN, "descriptors_limited",
                        "limit=%llu wanted=%llu connections=%u option=--max-connections",
                        (unsigned long long)descriptors, (unsigned long long)needed,

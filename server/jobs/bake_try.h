@@ -35,8 +35,8 @@ enum umbj_failure umbj_try_fail(struct umbj_try *try, enum umbj_failure failure,
 enum umbj_failure umbj_try_fail_status(struct umbj_try *try, enum umb_status status,
                                        const struct umb_error *error);
 
-/* Runs umbrage-bake in a folder to its end, and passes its reports on. Takes over words and
- * finishes them. */
+/* Runs umbrage-bake in a folder to its end, and passes its reports on. words: its arguments, which
+ * this function frees. */
 enum umbj_failure umbj_try_run(struct umbj_try *try, struct umbj_words *words, const char *folder);
 
 /* Classifies the end of a process of the try, and stores its cause. */

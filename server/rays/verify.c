@@ -89,12 +89,13 @@ static void place_light(struct umbr_verify_job *job, const struct umb_asset_info
     job->free_m = 0x1p-27 * sqrt(square);
 }
 
-static enum umb_status prepare_exact(struct crew *crew, struct umb_error *error)
+static enum umb_status prepare_exact(const struct umbr_verify_job *job,
+                                     const struct umbr_exact **exact, struct umb_error *error)
 {
-    const struct umbr_verify_job *job = &crew->job;
+    *exact = NULL;
     for (uint32_t i = 0; i < job->light.frustum_count; i++) {
         if (umbr_verify_needs_exact(&job->frames[i], job->rays)) {
-            return umbr_rays_exact(job->rays, &crew->exact, error);
+            return umbr_rays_exact(job->rays, exact, error);
         }
     }
     return UMB_OK;
@@ -127,9 +128,9 @@ static enum umb_status prepare_queries(struct umbr_verify_job *job, uint32_t lig
                : umb_fail(error, UMB_E_ARGUMENT, "light %u has no frustum", light);
 }
 
-static enum umb_status prepare(struct crew *crew, uint32_t light, struct umb_error *error)
+enum umb_status umbr_verify_job_open(struct umbr_verify_job *job, uint32_t light,
+                                     const struct umbr_exact **exact, struct umb_error *error)
 {
-    struct umbr_verify_job *job = &crew->job;
     UMB__TRY(prepare_queries(job, light, error));
     const uint32_t count = job->light.frustum_count;
     struct umb_asset_info info;
@@ -144,7 +145,13 @@ static enum umb_status prepare(struct crew *crew, uint32_t light, struct umb_err
         UMB__TRY(umbr_light_frame_init(&job->frames[i], job->asset, job->light.first_frustum + i,
                                        error));
     }
-    return prepare_exact(crew, error);
+    return prepare_exact(job, exact, error);
+}
+
+void umbr_verify_job_close(struct umbr_verify_job *job)
+{
+    umb__free(NULL, job->frames);
+    job->frames = NULL;
 }
 
 enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
@@ -155,7 +162,7 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
     const struct umbr_verify_options *o = options != NULL ? options : &defaults;
     struct crew crew = {.job = {.asset = asset, .rays = rays, .options = o}};
     *result = (struct umbr_verify_result){0};
-    enum umb_status status = prepare(&crew, light, error);
+    enum umb_status status = umbr_verify_job_open(&crew.job, light, &crew.exact, error);
     if (status == UMB_OK && pthread_mutex_init(&crew.lock, NULL) != 0) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "no memory for a mutex");
     }
@@ -168,6 +175,6 @@ enum umb_status umbr_verify(const struct umb_asset *asset, uint32_t light,
     if (status == UMB_OK) {
         *result = crew.total;
     }
-    umb__free(NULL, crew.job.frames);
+    umbr_verify_job_close(&crew.job);
     return status;
 }

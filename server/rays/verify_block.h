@@ -49,6 +49,25 @@ struct umbr_sample {
     double centre[3]; /* centre of its voxel, local */
 };
 
+/*
+ * Prepares a job for a light.
+ *
+ * In:    job: asset, rays and options are set, everything else is zero.
+ * Out:   job: to be closed after any result. exact: rays in doubles, if a frustum needs them; else
+ *        NULL.
+ * Fails: as umbr_verify.
+ */
+UMB_CHECKED enum umb_status umbr_verify_job_open(struct umbr_verify_job *job, uint32_t light,
+                                                 const struct umbr_exact **exact,
+                                                 struct umb_error *error);
+void umbr_verify_job_close(struct umbr_verify_job *job);
+
+/* Returns 1 if closed solids have undefined voxels in a block's frustum. */
+static inline int umbr_has_undefined(const struct umbr_verify_block *block)
+{
+    return block->job->options->closed != NULL && block->light_frame->closed;
+}
+
 /* SplitMix64. */
 static inline uint64_t umbr_next_random(struct umbr_verify_block *block)
 {

@@ -88,12 +88,6 @@ static int traced_lit(const struct umbr_verify_block *block, const double local[
     return !umbr_occluded(block->job->rays, world, ray.direction, 0, ray.far_m);
 }
 
-/* 1 if closed solids have undefined voxels in this block's frustum. */
-static int has_undefined(const struct umbr_verify_block *block)
-{
-    return block->job->options->closed != NULL && block->light_frame->closed;
-}
-
 void umbr_verify_nearest(const struct umbr_verify_block *block, const struct umbr_exact_ray *ray,
                          struct umbr_exact_hit *hit)
 {
@@ -140,7 +134,7 @@ static int is_inside_along(const struct umbr_verify_block *block, const struct u
 /* Returns 1 if a point lies inside a closed solid, by all crossings of a ray along the light. */
 static int is_inside(const struct umbr_verify_block *block, const double local[3])
 {
-    if (!has_undefined(block)) {
+    if (!umbr_has_undefined(block)) {
         return 0;
     }
     struct umbr_exact_ray ray = ray_from(block, local, NULL);
@@ -152,7 +146,7 @@ int umbr_verify_trace(const struct umbr_verify_block *block, const double local[
 {
     struct umbr_exact_hit hit;
     *buried = 0;
-    if (!has_undefined(block)) { /* any hit will do, which is found sooner */
+    if (!umbr_has_undefined(block)) { /* any hit will do, which is found sooner */
         return traced_lit(block, local);
     }
     const struct umbr_exact_ray ray = ray_from(block, local, NULL);
@@ -175,7 +169,7 @@ static int is_inside_by_vote(const struct umbr_verify_block *block, const double
         {-0.6396021490668313, 0.4264014327112209, 0.6396021490668313},
         {0.2182178902359924, -0.8728715609439696, -0.4364357804719848}};
     int votes = 0;
-    if (!has_undefined(block)) {
+    if (!umbr_has_undefined(block)) {
         return 0;
     }
     for (int i = 0; i < VOTES && votes < VOTES_NEEDED && votes + VOTES - i >= VOTES_NEEDED; i++) {

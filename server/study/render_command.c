@@ -40,7 +40,7 @@ struct render {
     int to_stdout; /* 1: one of the pictures goes to stdout */
 };
 
-static const char *const TRUTHS[] = {"texels", "area", "surface", "disc"};
+static const char *const TRUTHS[] = {"texels", "area", "surface", "disc", "footprint"};
 
 #define AT(field) UMBU_AT(struct render, field)
 #define FOG_MAX   100.0 /* 1/m: the view ends after some centimetres */
@@ -92,10 +92,11 @@ static const struct umbu_option TRACED[] = {
      "start of the rays. texels: the texel centres of the filter's window, at the moved point's "
      "depth; area: --samples x --samples places in the window's area around the moved point; "
      "surface: the surface, one ray; disc: the surface, --samples x --samples rays over the "
-     "light's disc",
-     UMBU_CHOICE("texels|area|surface|disc"), AT(kind),
-     .otherwise = "texels; surface with one tap, disc with penumbras, area with --samples"},
-    {"samples", "N", "rays a side for --truth area and disc, 1 to 64", UMBU_COUNT(1, 64),
+     "light's disc; footprint: --samples x --samples places of the surface that a pixel covers",
+     UMBU_CHOICE("texels|area|surface|disc|footprint"), AT(kind),
+     .otherwise = "texels; surface with one tap, disc with penumbras; with --samples footprint, or "
+                  "area with another filter"},
+    {"samples", "N", "rays a side for --truth area, disc and footprint, 1 to 64", UMBU_COUNT(1, 64),
      AT(samples), .otherwise = "16"},
 };
 
@@ -121,13 +122,17 @@ static enum umb_status options_complete(const struct umbu_parsed *parsed, struct
         settings->taps = filter->is_window ? 9 : 1; /* the least width of other filters */
     }
     if (!umbu_given(parsed, "truth")) {
-        render->kind = filter->has_extent    ? UMBT_TRUTH_DISC
-                       : render->samples > 0 ? UMBT_TRUTH_AREA
-                       : settings->taps > 1  ? UMBT_TRUTH_TEXELS
-                                             : UMBT_TRUTH_SURFACE;
+        const int spread = render->samples > 0;
+        render->kind = filter->has_extent                 ? UMBT_TRUTH_DISC
+                       : spread && filter->has_footprints ? UMBT_TRUTH_FOOTPRINT
+                       : spread                           ? UMBT_TRUTH_AREA
+                       : settings->taps > 1               ? UMBT_TRUTH_TEXELS
+                                                          : UMBT_TRUTH_SURFACE;
     }
-    if (render->samples > 0 && render->kind != UMBT_TRUTH_AREA && render->kind != UMBT_TRUTH_DISC) {
-        return umb_fail(error, UMB_E_ARGUMENT, "--samples: only --truth area and disc take it");
+    if (render->samples > 0 &&
+        (render->kind == UMBT_TRUTH_TEXELS || render->kind == UMBT_TRUTH_SURFACE)) {
+        return umb_fail(error, UMB_E_ARGUMENT,
+                        "--samples: only --truth area, disc and footprint take it");
     }
     const int windows =
         (render->is_traced || render->compare) && render->kind != UMBT_TRUTH_SURFACE;
@@ -177,7 +182,7 @@ static enum umb_status options_check(struct render *render, struct umb_error *er
                         "--fog: needs the asset as a file, and %.80s is a daemon's asset",
                         render->asset_name);
     }
-    if (traced && render->kind != UMBT_TRUTH_SURFACE && render->kind != UMBT_TRUTH_DISC &&
+    if (traced && (render->kind == UMBT_TRUTH_TEXELS || render->kind == UMBT_TRUTH_AREA) &&
         !umbt_shadow_source_is_file(render->asset_name)) {
         return umb_fail(
             error, UMB_E_ARGUMENT,
@@ -247,11 +252,17 @@ static enum umb_status view_make(struct render *render, struct umb_error *error)
     UMB__TRY(umbt_picture_lights_weigh(setup, &render->ground, lights->numbers,
                                        lights->sources[0].light_count, lights->lights,
                                        lights->count, error));
-    const double rows = (double)render->common.size[1] * render->aa;
+    const double pixel_rad =
+        2.0 * setup->camera.tan_y / ((double)render->common.size[1] * render->aa);
     const int has_footprints = umb_filter_get_info(render->settings.filter)->has_footprints;
-    for (uint32_t i = 0; i < lights->count && has_footprints; i++) {
-        UMB__TRY(umbt_shadow_source_look(&lights->sources[i], setup->camera.eye,
-                                         2.0 * setup->camera.tan_y / rows, error));
+    for (uint32_t i = 0; i < lights->count; i++) {
+        struct umb_query_settings *traced = &lights->truths[i].settings;
+        memcpy(traced->eye, setup->camera.eye, sizeof traced->eye);
+        traced->pixel_rad = pixel_rad;
+        if (has_footprints) {
+            UMB__TRY(
+                umbt_shadow_source_look(&lights->sources[i], setup->camera.eye, pixel_rad, error));
+        }
     }
     return UMB_OK;
 }

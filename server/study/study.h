@@ -35,7 +35,7 @@
 #define UMBT_STUDY_TAPS           9 /* width of the filter of the techniques */
 
 struct umbt_study_options {
-    const char *light, *sun, *point, *spot, *light_size, *up; /* as umbrage-bake takes them */
+    const char *light, *sun, *point, *spot, *light_size, *up; /* In the form of umbrage-bake */
     char named[288];                                          /* Default folder of the report */
     uint64_t max_resolution; /* Highest resolution, voxels a side */
     uint64_t points;         /* Number of samples of a set */
@@ -54,7 +54,7 @@ struct umbt_study_bake {
     struct umb_asset *asset;
     struct umb_asset_info info;
     struct umb_light_info light;
-    struct umb_frustum_info frusta[UMBT_STUDY_FACES]; /* of the light; others do not count */
+    struct umb_frustum_info frusta[UMBT_STUDY_FACES]; /* Frusta of the light that is studied */
     double voxel_m; /* mean edge of a voxel across the light, at the samples of the view */
 };
 
@@ -80,8 +80,8 @@ struct umbt_study_points {
     float *boundary_m;
     double reach_m;
     const struct umb_light_info *lamp; /* spot or point light, borrowed; NULL: parallel light */
-    double to_light[3]; /* of parallel light; of a lamp the way up that pictures take */
-    double footprint_m; /* mean side of what a pixel of a small picture sees */
+    double to_light[3];                /* Sun: towards it. Lamp: the way up of the pictures */
+    double footprint_m;                /* mean side of what a pixel of a small picture sees */
 };
 
 /* Source of answers: a filter of an asset, or one of the peers of study_probe.h. */
@@ -217,7 +217,8 @@ UMB_CHECKED enum umb_status umbt_study_measure(struct umbt_study *study, struct 
 /* Draws all pictures, and pictures/traced.png. Fails: E_CANNOT_CREATE, E_IO, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbt_study_pictures(struct umbt_study *study, struct umb_error *error);
 
-/* 1 if a result gets pictures: 1 and 9 taps of each resolution's first asset, the plan's. */
+/* Returns true (1) if a result gets pictures: windows of 1 and 9 taps on the asset that the plan
+ * chose at each resolution. */
 int umbt_study_has_picture(const struct umbt_study *study, const struct umbt_study_result *result);
 
 /* Writes a file name beneath FOLDER: "pictures/4096-closed-9.png", or "...-difference.png". */

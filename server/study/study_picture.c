@@ -142,7 +142,8 @@ static enum umb_status block_trace(void *user, size_t first, size_t count, struc
  * casters where less than 0.001 of the light is left. */
 static double truth_error(const struct umbt_truth *truth)
 {
-    return (truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC
+    return (truth->kind == UMBT_TRUTH_AREA || truth->kind == UMBT_TRUTH_DISC ||
+                    truth->kind == UMBT_TRUTH_FOOTPRINT
                 ? 1.0 / (double)truth->samples
                 : 0.0) +
            (truth->layers != NULL ? 0.001 : 0.0);

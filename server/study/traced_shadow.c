@@ -328,6 +328,53 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
     return (float)lit / (float)(truth->samples * truth->samples);
 }
 
+/*
+ * Finds the start of a ray: the surface that the eye sees at `at` across the view from `from`, off
+ * that surface. Returns 0 if it sees another surface: one more than `depth_m` before or behind the
+ * plane of the receiver.
+ */
+static int footprint_start(const struct umbt_truth *truth, const double from[3],
+                           const double normal[3], double depth_m, double at[3])
+{
+    double ray[3], to_plane[3];
+    struct umbr_hit hit = {.distance = -1.0};
+    umb__subtract(from, truth->settings.eye, to_plane);
+    umbt_along(to_plane, 1.0, at, ray);
+    (void)umbt_normalize(ray);
+    const double plane_m = umb__dot(to_plane, normal) / umb__dot(ray, normal);
+    umbr_nearest(truth->rays, truth->settings.eye, ray, 0.0, INFINITY, &hit);
+    if (!(hit.distance >= 0.0) || !(fabs(hit.distance - plane_m) <= depth_m)) {
+        return 0;
+    }
+    umbt_along(truth->settings.eye, hit.distance, ray, at);
+    umbt_along(at, copysign(SURFACE_OFFSET * truth->diagonal_m, -umb__dot(hit.normal, ray)),
+               hit.normal, at);
+    return 1;
+}
+
+/* Share of the rays from the surface that the pixel covers that reach the light. */
+static float footprint_visibility(const struct umbt_truth *truth, const double from[3],
+                                  const double normal[3])
+{
+    const double side = (double)truth->samples;
+    double view[3], u[3], v[3], lit = 0.0;
+    uint32_t count = 0;
+    umb__subtract(from, truth->settings.eye, view);
+    const double pixel_m = truth->settings.pixel_rad * umb__length(view);
+    (void)umbt_normalize(view);
+    across(view, u, v);
+    for (uint32_t i = 0; i < truth->samples * truth->samples; i++) {
+        double at[3] = {0, 0, 0};
+        umbt_along(at, ((i % truth->samples + 0.5) / side - 0.5) * pixel_m, u, at);
+        umbt_along(at, ((i / truth->samples + 0.5) / side - 0.5) * pixel_m, v, at);
+        if (footprint_start(truth, from, normal, pixel_m, at)) {
+            lit += light_share(truth, at);
+            count++;
+        }
+    }
+    return count > 0 ? (float)(lit / count) : (float)light_share(truth, from);
+}
+
 /* Returns whether a point lies behind the plane of an area light, which shines to one side. */
 static int is_behind(const struct umb_light_info *lamp, const double towards[3])
 {
@@ -344,10 +391,14 @@ float umbt_truth_visibility(const struct umbt_truth *truth, const double point[3
     if (!(umb__dot(normal, towards) > 0.0) || is_behind(truth->lamp, towards)) {
         return 0.0F;
     }
-    if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC) {
+    if (truth->kind == UMBT_TRUTH_SURFACE || truth->kind == UMBT_TRUTH_DISC ||
+        truth->kind == UMBT_TRUTH_FOOTPRINT) {
         umbt_along(point, SURFACE_OFFSET * truth->diagonal_m, normal, window.moved);
         if (truth->kind == UMBT_TRUTH_DISC) {
             return disc_visibility(truth, window.moved, normal);
+        }
+        if (truth->kind == UMBT_TRUTH_FOOTPRINT) {
+            return footprint_visibility(truth, window.moved, normal);
         }
         return (float)light_share(truth, window.moved);
     }

@@ -5,7 +5,7 @@
  * Shadows by rays, the reference for an asset's pictures. A ray that meets no opaque caster brings
  * the product of what the translucent casters on it let through.
  *
- * Four references, each towards the light from points outside the surface, 0 where the normal faces
+ * Five references, each towards the light from points outside the surface, 0 where the normal faces
  * away:
  *
  * - UMBT_TRUTH_TEXELS, the default for an n-tap filter, n > 1. The point is moved as the query
@@ -21,8 +21,12 @@
  *   evenly over the light: its disc (the concentric map of Shirley and Chiu 1997), its rectangle,
  *   or the disc across the way to a spot or point light. The remaining difference includes
  *   everything.
+ * - UMBT_TRUTH_FOOTPRINT: samples x samples rays from the surface that the pixel around the point
+ *   covers, by settings.eye and settings.pixel_rad: where the eye's rays meet the scene. Surfaces
+ *   more than a pixel's width before or behind the point's plane do not count. The remaining
+ *   difference includes everything.
  *
- * Precision: for the last two, starts are moved 2e-6 of the scene's diagonal off the surface,
+ * Precision: for the last three, starts are moved 2e-6 of the scene's diagonal off the surface,
  * because Embree's floats are relative to the scene's centre (about 6e-8 of its extent).
  */
 #include "study/study_scene.h"
@@ -33,6 +37,7 @@ enum umbt_truth_kind {
     UMBT_TRUTH_AREA = 1,
     UMBT_TRUTH_SURFACE = 2,
     UMBT_TRUTH_DISC = 3,
+    UMBT_TRUTH_FOOTPRINT = 4,
 };
 
 struct umbt_truth {
@@ -40,7 +45,7 @@ struct umbt_truth {
     const struct umbr_layers *layers; /* translucent casters, borrowed; NULL: none */
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
-    uint32_t samples;   /* AREA and DISC: rays a side, 1..64 */
+    uint32_t samples;   /* AREA, DISC and FOOTPRINT: rays a side, 1..64 */
     double extent;      /* DISC: angular diameter of parallel light in radians; lamps have theirs */
     double to_light[3]; /* unit; of parallel light */
     int by_normal; /* 1: the automatic bias moves along the normal, as that of shadow maps does */

@@ -111,6 +111,9 @@ bench-service: $(BUILD)/bench_service $(BUILD)/umbraged $(BENCH_PEERS) ## the da
 bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at twice the knee; greedy and polite clients
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_overload.py
 
+bench-http: $(PROGRAMS) $(BUILD)/scenegen ## CPU time of requests over HTTP, beside nginx
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/http_cost.py
+
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
@@ -139,7 +142,7 @@ bench: $(BENCH_PROGRAMS) $(BUILD)/umbraged $(BENCH_PEERS) ## every benchmark (SI
 	$(BUILD)/bench_frames --size $(SIZE) --assets "$$assets" && \
 	$(BUILD)/bench_service --size $(SIZE) --assets "$$assets" --umbraged $(BUILD)/umbraged --peers $(BUILD)
 
-.PHONY: bench-overload bench-deep bench bench-bake bench-query bench-service
+.PHONY: bench-overload bench-http bench-deep bench bench-bake bench-query bench-service
 
 # Segments, columns and boxes: closed scenes with their front, in process and from a daemon.
 $(BUILD)/bench_volume_queries: $(BUILD)/tests/bench/bench_volume_queries.o $(RPC_LIB) $(CORE_LIB)

@@ -3,7 +3,8 @@
 """
 bench_python.py [POINTS]: races the Python module with a C program (python_peer.c) on the same points, round by
 round: large batches on one thread and on two, and the extra cost of a batch of 64 points. Then the module is
-compared with one Embree ray a point, whose time `umbrage verify` prints. Prints one JSON object a row.
+compared with one Embree ray a point from the same script (embree_loop.py), call by call and in one call. Prints one
+JSON object a row.
 """
 import json
 import os
@@ -16,11 +17,13 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import umbrage_test as ut  # noqa: E402
 
 umbrage, np = ut.need_module()
+import embree_loop  # noqa: E402
 test = ut.Test()
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000_000
 ROUNDS = 7
 ASSET, POINTS = test.path("city.umbm"), test.path("points.f32")
-test.bake(test.scene("city", 20), test.path("city.umb"), "--resolution", 8192, "--closed", "off", "--sun", "135,45",
+SCENE = test.scene("city", 20, form="ply")
+test.bake(SCENE, test.path("city.umb"), "--resolution", 8192, "--closed", "off", "--sun", "135,45",
           "--verify", 0)
 ut.run("umbrage", "unpack", test.path("city.umb"), "-o", ASSET, "--quiet")
 asset = umbrage.open(ASSET)
@@ -42,7 +45,7 @@ class Peer:
     def round(self):
         self.process.stdin.write("\n")
         self.process.stdin.flush()
-        return float(self.process.stdout.readline())
+        return tuple(float(word) for word in self.process.stdout.readline().split())
 
     def close(self):
         self.process.stdin.close()
@@ -50,23 +53,32 @@ class Peer:
 
 
 def timed(call):
-    begin = time.perf_counter()
+    """Seconds of a call by the clock, and of processors."""
+    begin, busy = time.perf_counter(), time.process_time()
     call()
-    return time.perf_counter() - begin
+    return time.perf_counter() - begin, time.process_time() - busy
 
 
-def race(ours, peer):
-    """Medians of seconds, ours and the peer's, in turns."""
-    ours(), peer.round()
-    pairs = [(timed(ours), peer.round()) for _ in range(ROUNDS)]
-    peer.close()
-    return [statistics.median(column) for column in zip(*pairs)]
+def race(ours, theirs):
+    """Medians of ROUNDS turns: our seconds by the clock and of processors, then theirs."""
+    ours(), theirs()
+    turns = [(*timed(ours), *theirs()) for _ in range(ROUNDS)]
+    return [statistics.median(column) for column in zip(*turns)]
 
 
+def show(row, value, count, scale, times, **more):
+    """Prints a row: `value` and its times, each for one of `count` items, with those by the clock behind."""
+    wall, busy, peer_wall, peer_busy = (round(seconds * 1e9 / count / scale, 2) for seconds in times)
+    print(json.dumps({"row": row, "value": value(times[1], times[3]), "value_by_clock": value(times[0], times[2]),
+                      "python": busy, "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
+
+
+# Values are of processors' time: on a busy machine the clock counts other programs, and threads wait for each other.
 for threads in (1, 2):
-    mine, theirs = race(lambda: asset.query(points, taps=9, threads=threads, out=values), Peer(threads, 65536))
-    print(json.dumps({"row": f"python_vs_c_threads{threads}", "value": round(theirs / mine, 3),
-                      "python_ns": round(mine * 1e9 / len(points), 2), "c_ns": round(theirs * 1e9 / len(points), 2)}))
+    peer = Peer(threads, 65536)
+    times = race(lambda: asset.query(points, taps=9, threads=threads, out=values), peer.round)
+    peer.close()
+    show(f"python_vs_c_threads{threads}", lambda ours, theirs: round(theirs / ours, 3), len(points), 1, times, unit="ns a point")
 
 SMALL, BATCHES = 64, 20000
 few = points[:SMALL * BATCHES]
@@ -79,7 +91,22 @@ def small():
         asset.query(batch, taps=9)
 
 
-mine, theirs = race(small, Peer(1, SMALL, test.path("few.f32")))
-print(json.dumps({"row": "python_call_us", "value": round((mine - theirs) / len(batches) * 1e6, 2),
-                  "python_us": round(mine / len(batches) * 1e6, 2), "c_us": round(theirs / len(batches) * 1e6, 2)}))
+peer = Peer(1, SMALL, test.path("few.f32"))
+times = race(small, peer.round)
+peer.close()
+show("python_call_us", lambda ours, theirs: round((ours - theirs) / len(batches) * 1e6, 2), len(batches), 1000, times,
+     unit="us a batch of 64")
+
+# Rays from every fiftieth point: a Python loop over all of them takes minutes.
+RAYS = 200_000
+some = np.ascontiguousarray(points[:len(points) // RAYS * RAYS].reshape(RAYS, -1, 3)[:, 0]) if len(points) > RAYS else points
+towards = -np.array(asset.lights[0].direction, np.float32)
+scene = embree_loop.Scene(*embree_loop.read_ply(SCENE))
+lit = asset.query(some, taps=1)
+for name, ask in (("call", scene.lit_by_call), ("batch", scene.lit_by_batch)):
+    same = float((ask(some, towards) == (lit > 0.5)).mean())
+    assert same > 0.97, f"{same:.4f} of the answers are the rays'"  # voxels of 0.1 m at edges
+    times = race(lambda: asset.query(some, taps=1), lambda: timed(lambda: ask(some, towards)))
+    show(f"embree_{name}_factor", lambda ours, theirs: round(theirs / ours, 1), len(some), 1, times, unit="ns a point",
+         same=round(same, 5))
 asset.close()

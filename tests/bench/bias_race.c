@@ -35,7 +35,7 @@ struct race {
     struct umbt_setup setup;
     struct umbt_gbuffer view;
     struct umb_asset *asset;
-    struct umb__query q; /* one tap, no bias: frame and voxels */
+    struct umb__query q; /* one tap: its frame and voxels */
     struct umb__tree tree;
 };
 
@@ -172,11 +172,65 @@ static double by_thirds(const struct race *race, const struct receiver *r)
     return window_share(race, r->v, z);
 }
 
+/* Variants of the lift that queries have (docs/decisions/0002-automatic-bias.md). */
+struct lift {
+    double most;   /* Longest lift in texels; a move along the normal does the rest */
+    double fading; /* Power of most / need by which lifts that do not suffice are shortened */
+    double longer; /* Factor of lifts that suffice */
+};
+
+static double by_lift(const struct race *race, const struct receiver *r, const struct lift *lift)
+{
+    const double depth = fabs(r->along[2]), most = lift->most * race->q.lift_texel;
+    const double need = 0.5 * UMB__BIAS_SLACK * (TAPS * steepness(r) + 1);
+    double moved[3], v[3] = {r->v[0], r->v[1], middle_depth(r)};
+    if (need <= most) {
+        v[2] -= lift->longer * 0.5 * UMB__BIAS_SLACK * ((TAPS - 1) * steepness(r) + 1);
+    } else {
+        const double along = most * pow(most / need, lift->fading);
+        umbt_along(r->p, (need - along) * depth, r->n, moved);
+        umb__to_voxel(&race->q, moved, v);
+        v[2] -= along;
+    }
+    return flat_share(race, v);
+}
+
+/* Half the limit. */
+static double by_half(const struct race *race, const struct receiver *r)
+{
+    return by_lift(race, r, &(struct lift){0.5 * UMB__LIFT_TEXELS(TAPS), 0, 1});
+}
+
+/* A move along the normal alone where the limit does not suffice. */
+static double by_either(const struct race *race, const struct receiver *r)
+{
+    return by_lift(race, r, &(struct lift){UMB__LIFT_TEXELS(TAPS), INFINITY, 1});
+}
+
+/* Room for relief above the plane: an eighth, a quarter of the lift. */
+static double by_eighth(const struct race *race, const struct receiver *r)
+{
+    return by_lift(race, r, &(struct lift){UMB__LIFT_TEXELS(TAPS), 0, 1.125});
+}
+
+static double by_quarter(const struct race *race, const struct receiver *r)
+{
+    return by_lift(race, r, &(struct lift){UMB__LIFT_TEXELS(TAPS), 0, 1.25});
+}
+
 static const struct candidate {
     const char *name;
     double (*share)(const struct race *race, const struct receiver *r);
-} candidates[] = {{"normal", by_normal}, {"light", by_light},   {"smallest", smallest},
-                  {"rows", by_rows},     {"thirds", by_thirds}, {"plane", by_plane}};
+} candidates[] = {{"normal", by_normal},
+                  {"light", by_light},
+                  {"smallest", smallest},
+                  {"rows", by_rows},
+                  {"thirds", by_thirds},
+                  {"plane", by_plane},
+                  {"half", by_half},
+                  {"either", by_either},
+                  {"an eighth longer", by_eighth},
+                  {"a quarter longer", by_quarter}};
 
 static const struct asked {
     const char *name;
@@ -270,7 +324,7 @@ static void race_open(struct race *race, char **argv)
 {
     struct umb_error error;
     struct umb_query query;
-    const struct umb_query_settings bare = {.taps = 1, .bias_mode = UMB_BIAS_NONE};
+    const struct umb_query_settings bare = {.taps = 1};
     const struct umbt_camera_request fitted = {0};
     const uint32_t size[2] = {(uint32_t)strtoul(argv[3], NULL, 10),
                               (uint32_t)strtoul(argv[4], NULL, 10)};

@@ -287,3 +287,55 @@ void far_window(const struct far_assets *assets, const struct far_points *view, 
         answers[i] = umb__slice_share(&slice, &box);
     }
 }
+
+/* Moves p, relative to the asset's origin, off a surface with unit normal n. */
+static void move_off(const struct umb__query *q, enum far_bias bias, const double n[3], double p[3])
+{
+    struct umb__lift lift = {0, {0, 0}};
+    double v[3], scale, shift = 0;
+    if (bias == FAR_BY_NORMAL) {
+        const double(*step)[3] = q->voxel_step;
+        scale = 0.5 * UMB__BIAS_SLACK *
+                (q->taps * (fabs(umb__dot(n, step[0])) + fabs(umb__dot(n, step[1]))) +
+                 fabs(umb__dot(n, step[2])));
+    } else {
+        scale = umb__lift_auto(q, n, umb__dot(n, n), &lift);
+        lift.depth *= scale > 0 ? 1 : 1.25;
+        umb__to_voxel(q, p, v);
+        shift = umb__lift_depth(&lift, v);
+    }
+    for (int k = 0; k < 3; k++) {
+        p[k] += scale * n[k] + shift * q->voxel_step[2][k];
+    }
+}
+
+void far_biased(const struct umb_asset *asset, enum far_bias bias, const struct far_points *view,
+                float *values)
+{
+    const struct umb_query_settings settings = {.taps = 9, .bias_mode = UMB_BIAS_NONE};
+    const struct umb__query q = one_tap(asset, settings.taps);
+    struct umb_points points = view->points;
+    struct umb_answers answers = {.values = values};
+    struct umb_query query;
+    struct umb_error error;
+    double(*moved)[3] = malloc((points.count + 1) * sizeof *moved);
+    if (moved == NULL) {
+        bench_fail("%zu points: out of memory", points.count);
+    }
+    for (size_t i = 0; i < points.count; i++) {
+        double n[3], p[3];
+        umb__position(&q, &view->points, i, p);
+        if (umb__is_normal(umb__normal(&view->points, i, n)) && umb__dot(n, q.direction) < 0) {
+            move_off(&q, bias, n, p);
+        }
+        for (int k = 0; k < 3; k++) {
+            moved[i][k] = p[k] + q.origin[k];
+        }
+    }
+    points.positions = moved;
+    memset(points.origin, 0, sizeof points.origin);
+    points.format = UMB_POINT_F64;
+    bench_must(umb_query_prepare(asset, &settings, &query, &error), &error, "far view");
+    umb_query_run(&query, &points, 0, points.count, &answers);
+    free(moved);
+}

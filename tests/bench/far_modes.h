@@ -41,4 +41,14 @@ void far_voaa(const struct far_assets *assets, struct far_shares *shares,
               const struct far_points *view, double *answers);
 void far_window(const struct far_assets *assets, const struct far_points *view, double *answers);
 
+/* Biases that were rejected (docs/results/biases.md). */
+enum far_bias {
+    FAR_BY_NORMAL, /* A move along the normal alone */
+    FAR_LONGER     /* The product's lift, a quarter longer where it suffices */
+};
+
+/* Answers all points with windows of 9 taps and a rejected bias. Out: values: [points.count]. */
+void far_biased(const struct umb_asset *asset, enum far_bias bias, const struct far_points *view,
+                float *values);
+
 #endif

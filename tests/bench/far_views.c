@@ -34,6 +34,8 @@ enum {
 enum mode {
     ONE_TAP,
     NINE_TAPS,
+    BY_NORMAL,
+    LONGER,
     WINDOW,
     MRAA_9,
     MRAA_17,
@@ -42,10 +44,15 @@ enum mode {
     MODES
 };
 
-static const char *const names[MODES] = {
-    "one tap",      "9 taps",        "a window of that width in one depth, exact",
-    "MRAA, 9 taps", "MRAA, 17 taps", "VOAA",
-    "footprint"};
+static const char *const names[MODES] = {"one tap",
+                                         "9 taps",
+                                         "9 taps along the normal",
+                                         "9 taps, lifts a quarter longer",
+                                         "a window of that width in one depth, exact",
+                                         "MRAA, 9 taps",
+                                         "MRAA, 17 taps",
+                                         "VOAA",
+                                         "footprint"};
 
 struct race {
     struct umbt_scene scene;
@@ -191,6 +198,13 @@ static double widths_make(const struct race *race, struct view *view)
     return median;
 }
 
+static void widen(const struct view *view)
+{
+    for (size_t i = 0; i < view->far.points.count; i++) {
+        view->answers[i] = (double)view->values[i];
+    }
+}
+
 /* Runs one way over the view. */
 static void mode_run(struct race *race, enum mode mode, struct view *view)
 {
@@ -198,6 +212,11 @@ static void mode_run(struct race *race, enum mode mode, struct view *view)
     const struct umb_asset *asset = race->assets.level[0];
     struct umb_query_settings settings = {.taps = mode == NINE_TAPS ? 9 : 1};
     switch (mode) {
+    case BY_NORMAL:
+    case LONGER:
+        far_biased(asset, mode == LONGER ? FAR_LONGER : FAR_BY_NORMAL, far, view->values);
+        widen(view);
+        return;
     case WINDOW:
         far_window(&race->assets, far, view->answers);
         return;
@@ -217,9 +236,7 @@ static void mode_run(struct race *race, enum mode mode, struct view *view)
         break;
     }
     answer(asset, &settings, &far->points, view->values);
-    for (size_t i = 0; i < far->points.count; i++) {
-        view->answers[i] = (double)view->values[i];
-    }
+    widen(view);
 }
 
 /* Returns the mean difference from the truth, over the pixels that see the scene. */

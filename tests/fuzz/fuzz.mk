@@ -15,21 +15,26 @@ FUZZ_LIBS_fuzz_farm = $(FUZZ_LIBS_fuzz_bakes)
 FUZZ_SYS_fuzz_farm = $(FUZZ_SYS_fuzz_bakes)
 FUZZ_LIBS_fuzz_bundle = $(BAKE_LIB) $(RAYS_LIB) $(SCENE_LIB) $(COMMON_LIB) $(CLI_LIB) $(TOOL_LIB) $(RPC_LIB) $(MAPS_LIB) $(CORE_LIB)
 FUZZ_SYS_fuzz_bundle = -lembree3 -ljansson -lpng $(COMMON_LIBS) $(CLI_LIBS) $(RPC_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_changes = $(CORE_LIB)
+FUZZ_SYS_fuzz_changes = $(CORE_LIBS)
 FUZZ_LIBS_fuzz_config = $(TEST_LIBS_daemon)
 FUZZ_SYS_fuzz_config = $(TEST_SYS_daemon)
 FUZZ_LIBS_fuzz_conn = $(TEST_LIBS_daemon)
 FUZZ_SYS_fuzz_conn = $(TEST_SYS_daemon)
 FUZZ_LIBS_fuzz_derive = $(WIRE_LIB) $(MAPS_LIB) $(CORE_LIB)
 FUZZ_SYS_fuzz_derive = $(WIRE_LIBS) $(CORE_LIBS)
+FUZZ_LIBS_fuzz_http1 = $(TEST_LIBS_daemon)
+FUZZ_SYS_fuzz_http1 = $(TEST_SYS_daemon)
 FUZZ_LIBS_fuzz_reply = $(RPC_LIB) $(CORE_LIB)
 FUZZ_SYS_fuzz_reply = $(RPC_LIBS) $(CORE_LIBS)
 
 # What CI fuzzes with coverage guidance.
-FUZZ_CI := $(addprefix fuzz_,bakes bundle changes config conn derive farm geometry readers reply want)
+FUZZ_CI := $(addprefix fuzz_,bakes bundle changes config conn derive farm geometry http1 readers reply want)
 # Words of what a target takes.
 FUZZ_WORDS := $(addprefix fuzz_,bakes conn derive reply wire)
 fuzz_words = $(if $(filter $(1),$(FUZZ_WORDS)),-dict=tests/fuzz/protobuf.dict) \
-	$(if $(filter $(1),fuzz_config),-dict=tests/fuzz/config.dict)
+	$(if $(filter $(1),fuzz_config),-dict=tests/fuzz/config.dict) \
+	$(if $(filter $(1),fuzz_http1),-dict=tests/fuzz/http.dict)
 FUZZ_RUN = -timeout=10 -rss_limit_mb=2048 -print_final_stats=1
 T_CI ?= 120
 T ?= 60

@@ -3,11 +3,13 @@
  * A whole connection of the daemon, in this process: store, loop and worker are the daemon's own, a
  * socket pair takes the place of the network. The input is a script of HTTP/2: frames that are
  * mostly well formed, calls of every method with and without a right, and raw bytes. The first byte
- * picks the script, or a test of the frame filter alone.
+ * picks the script, requests of HTTP/1.1, or a test of the frame filter alone.
  *
- * Properties: the daemon sends only HTTP/2 frames that a server may send; after the peer's end no
- * connection, call or byte is held; the filter passes the same bytes however they are split.
+ * Properties: the daemon sends only HTTP/2 frames that a server may send, or replies of HTTP/1.1
+ * that have the length they tell; after the peer's end no connection, call or byte is held; the
+ * filter passes the same bytes however they are split.
  */
+#define _GNU_SOURCE /* memmem */
 #include <errno.h>
 #include <fcntl.h>
 #include <nghttp2/nghttp2.h>
@@ -361,23 +363,23 @@ static void play(struct script *script)
     }
 }
 
-static void connection(const uint8_t *data, size_t size)
+/* Connects a peer; returns its socket. */
+static int connect_peer(enum umbd_language language)
 {
     int sockets[2];
     start();
     FUZZ_DEMAND(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, sockets) == 0);
-    memset(&heard, 0, sizeof heard);
+    const struct umbd_socket accepted = {
+        .fd = sockets[1], .transport = UMBN_UNIX, .language = language};
+    umbd_conn_adopt(&daemon_of_all.server.loops[0], &accepted);
+    return sockets[0];
+}
+
+/* Demands that the daemon lets go of everything after its peer has left. */
+static void leave(int socket)
+{
     struct umbd_loop *loop = &daemon_of_all.server.loops[0];
-    struct script script = {data, data + size, sockets[0], NULL, 1, 0};
-    FUZZ_DEMAND(nghttp2_hd_deflate_new(&script.packer, 4096) == 0);
-    umbd_conn_adopt(loop, sockets[1], UMBN_UNIX, 0);
-    play(&script);
-    for (unsigned i = 0; i < 8; i++) {
-        turn();
-        (void)hear(script.socket);
-    }
-    nghttp2_hd_deflate_del(script.packer);
-    (void)close(sockets[0]);
+    (void)close(socket);
     for (unsigned i = 0; loop->conn_count > 0 || atomic_load(&daemon_of_all.server.buffered) > 0;
          i++) {
         FUZZ_DEMAND(i < WAIT_ROUNDS);
@@ -387,6 +389,93 @@ static void connection(const uint8_t *data, size_t size)
         }
     }
     FUZZ_DEMAND(umbd_pool_depth(daemon_of_all.backend.pool) == 0 && LIST_EMPTY(&loop->conns));
+}
+
+static void connection(const uint8_t *data, size_t size)
+{
+    struct script script = {data, data + size, connect_peer(UMBD_HTTP2), NULL, 1, 0};
+    memset(&heard, 0, sizeof heard);
+    FUZZ_DEMAND(nghttp2_hd_deflate_new(&script.packer, 4096) == 0);
+    play(&script);
+    for (unsigned i = 0; i < 8; i++) {
+        turn();
+        (void)hear(script.socket);
+    }
+    nghttp2_hd_deflate_del(script.packer);
+    leave(script.socket);
+}
+
+/* ---- HTTP/1.1 ---- */
+
+/* Where in a reply the daemon's answer is. */
+static struct {
+    char head[4096];
+    size_t head_bytes, body_left;
+} replies;
+
+/* Ends a head: the number of body bytes that follow it. 204 and 304 have none. */
+static void check_reply(void)
+{
+    const char *length = strstr(replies.head, "\r\nContent-Length: ");
+    FUZZ_DEMAND(strncmp(replies.head, "HTTP/1.1 ", 9) == 0);
+    const int has_body =
+        strncmp(replies.head + 9, "204", 3) != 0 && strncmp(replies.head + 9, "304", 3) != 0;
+    FUZZ_DEMAND(!has_body || length != NULL);
+    replies.body_left = has_body ? strtoul(length + 18, NULL, 10) : 0;
+    replies.head_bytes = 0;
+}
+
+static void follow_replies(const uint8_t *bytes, size_t count)
+{
+    while (count > 0) {
+        size_t part = replies.body_left < count ? replies.body_left : count;
+        replies.body_left -= part;
+        if (part == 0) {
+            FUZZ_DEMAND(replies.head_bytes < sizeof replies.head - 1);
+            replies.head[replies.head_bytes++] = (char)*bytes;
+            replies.head[replies.head_bytes] = '\0';
+            part = 1;
+            if (replies.head_bytes >= 4 &&
+                strcmp(replies.head + replies.head_bytes - 4, "\r\n\r\n") == 0) {
+                check_reply();
+            }
+        }
+        bytes += part;
+        count -= part;
+    }
+}
+
+static int hear_replies(int socket)
+{
+    uint8_t bytes[16384];
+    ssize_t count;
+    while ((count = recv(socket, bytes, sizeof bytes, MSG_DONTWAIT)) > 0) {
+        follow_replies(bytes, (size_t)count);
+    }
+    return count != 0 && (errno == EAGAIN || errno == EINTR);
+}
+
+/* The first byte is the size of the pieces in which the bytes are sent. Replies to HEAD
+ * have lengths without bodies, so replies are followed only without that word. */
+static void web_connection(const uint8_t *data, size_t size)
+{
+    const size_t piece = size > 0 ? 1 + (size_t)data[0] * 8 : 1;
+    const int socket = connect_peer(UMBD_HTTP1);
+    const int has_head = size > 1 && memmem(data + 1, size - 1, "HEAD", 4) != NULL;
+    int is_open = 1;
+    memset(&replies, 0, sizeof replies);
+    for (size_t at = 1; at < size && is_open; at += piece) {
+        const size_t count = piece < size - at ? piece : size - at;
+        is_open = send(socket, data + at, count, MSG_DONTWAIT | MSG_NOSIGNAL) == (ssize_t)count;
+        turn();
+        is_open = is_open && (has_head || hear_replies(socket));
+    }
+    for (unsigned i = 0; i < 8 && is_open; i++) {
+        turn();
+        (void)poll(NULL, 0, i == 4 ? 1 : 0); /* a worker reads the file */
+        is_open = has_head || hear_replies(socket);
+    }
+    leave(socket);
 }
 
 /* ---- the filter ---- */
@@ -442,6 +531,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     if (data[0] % 8 == 7) {
         filter(data + 1, size - 1);
+    } else if (data[0] % 8 == 5) {
+        web_connection(data + 1, size - 1);
     } else {
         connection(data + 1, size - 1);
     }

@@ -7,6 +7,7 @@ A packed asset with a false page and right XXH3s, as a hostile server makes it:
 The id and all SHA-256s are those of the true asset: only the page's SHA-256 detects the forgery.
 """
 import ctypes
+import hashlib
 import struct
 
 PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 32, 48, 128
@@ -100,16 +101,12 @@ def seal(data):
     struct.pack_into("<Q", data, 120, check(both))
 
 
-def forge(whole, page):
-    """The file with a lie in `page`, or None if the page has no uniform child to turn."""
-    data = bytearray(whole)
+def replace_page(data, page, raw):
+    """Puts other bytes in a page's place, with the right lengths and XXH3 of the page, but not its SHA-256."""
     at = entry_at(data, page)
-    offset, stored, size = struct.unpack_from("<QII", data, at)
-    raw = expand(data[offset:offset + stored], size)
-    if not turn_child(raw):
-        return None
+    offset, stored = struct.unpack_from("<QI", data, at)
     lie = compress(raw)
-    struct.pack_into("<IIQ", data, at + 8, len(lie), size, check(lie))
+    struct.pack_into("<IIQ", data, at + 8, len(lie), len(raw), check(lie))
     grown = len(lie) - stored
     for later in range(page + 1, page_count(data)):
         then = entry_at(data, later)
@@ -119,5 +116,54 @@ def forge(whole, page):
     if page < BLOCK_PAGES and blocks > 0:
         struct.pack_into("<Q", data, 88, blocks + grown)
     data[offset:offset + stored] = lie
+
+
+def raw_page(data, page):
+    """A page's bytes, uncompressed."""
+    offset, stored, size = struct.unpack_from("<QII", data, entry_at(data, page))
+    return expand(data[offset:offset + stored], size)
+
+
+def forge(whole, page):
+    """The file with a lie in `page`, or None if the page has no uniform child to turn."""
+    data = bytearray(whole)
+    raw = raw_page(data, page)
+    if not turn_child(raw):
+        return None
+    replace_page(data, page, raw)
+    seal(data)
+    return bytes(data)
+
+
+def spoil(whole, rng):
+    """The file with a page changed at random and every hash right, as an asset of its own: only its content is bad."""
+    data = bytearray(whole)
+    pages = page_count(data)
+    page = rng.randrange(min(pages, 8) if rng.random() < 0.5 else pages)
+    raw = raw_page(data, page)
+    for _ in range(rng.randrange(1, 5)):
+        at = rng.randrange(min(len(raw), 64) if rng.random() < 0.5 else len(raw))
+        kind = rng.randrange(4)
+        if kind == 0:
+            raw[at] ^= 1 << rng.randrange(8)
+        elif kind == 1:
+            raw[at] = rng.choice((0, 1, 127, 128, 255))
+        elif kind == 2:
+            raw[at:at] = rng.randbytes(rng.randrange(1, 9))
+        else:
+            del raw[at:at + rng.randrange(1, 9)]
+    replace_page(data, page, raw)
+    at = entry_at(data, page) + 32
+    data[at:at + 32] = hashlib.sha256(raw).digest()
+    canonical = struct.unpack_from("<Q", data, 32)[0]
+    table = HEAD + canonical
+    hashes = b""
+    for first in range(0, pages, BLOCK_PAGES):
+        entries = (entry_at(data, number) + 32 for number in range(first, min(first + BLOCK_PAGES, pages)))
+        block = hashlib.sha256(b"".join(data[each:each + 32] for each in entries)).digest()
+        at = table + BLOCK_ENTRY * (first // BLOCK_PAGES) + 8
+        data[at:at + 32] = block
+        hashes += block
+    data[48:80] = hashlib.sha256(data[HEAD:table] + hashes).digest()
     seal(data)
     return bytes(data)

@@ -175,6 +175,33 @@ with test.check("over a daemon the same bits, volume queries too"):
             part.fetch(umbrage.View(box=(tuple(low), tuple(high)), taps=9))
             assert (part.query(points, taps=9) == want).all()
 
+TINY = test.daemon("--max-points", 700, store=store).grpc_unix
+with test.check("batches larger than the server's limit are cut into calls: the same bits, sums and numbers of bad points"):
+    with umbrage.open(f"{TINY}/city") as far:
+        for form in ("f32", "u8", "bit"):
+            assert (far.query(points, normals, taps=9, format=form) ==
+                    city.query(points, normals, taps=9, format=form)).all(), form
+        assert (far.query(points.astype(np.float64), taps=3) == city.query(points, taps=3)).all()
+        told, whole = (asset.query(points, taps=9, stats=True).stats for asset in (far, city))
+        assert told.points == 3000 and told.nodes > 10000, told  # neighbours in a call share nodes
+        assert (told.outside, told.before, told.behind) == (whole.outside, whole.before, whole.behind)
+        chosen = far.query(points, max_error=3.0, stats=True)
+        assert chosen.taps > 0 and (chosen.values == city.query(points, max_error=3.0)).all()
+        near, there = city.segments(ends, intervals=6), far.segments(ends, intervals=6)
+        assert (near.lit == there.lit).all() and np.array_equal(near.intervals, there.intervals, equal_nan=True)
+        near, there = city.segments(ends, intervals=300), far.segments(ends, intervals=300)
+        assert np.array_equal(near.intervals, there.intervals, equal_nan=True)
+        assert (city.columns(points).distance_m == far.columns(points).distance_m).all()
+        assert (city.boxes(boxes).lit == far.boxes(boxes).lit).all()
+        bad = points.copy()
+        bad[2500, 1] = np.nan
+        for call in (lambda: far.query(bad), lambda: far.columns(bad)):
+            try:
+                call()
+                raise AssertionError("not refused")
+            except ValueError as error:
+                assert "points[2500].y" in str(error), error
+
 with test.check("an interval's sum is the lit share; a column's occluder lies where the segment ends"):
     sums = np.nansum(near.intervals[:, :, 1] - near.intervals[:, :, 0], 1)
     whole = near.interval_counts <= 6
@@ -214,6 +241,13 @@ with test.check("a job is submitted, watched, fetched; the asset answers"):
             assert fetched.id == told[-1].asset
             with there.open(told[-1].asset) as far:
                 assert (far.query(points) == fetched.query(points)).all()
+        before = sorted(os.listdir(test.folder))
+        try:
+            there.fetch(told[-1].asset, test.path("large.umb"), max_bytes=100)
+            raise AssertionError("not refused")
+        except umbrage.LimitError as error:
+            assert "max_bytes is 100" in str(error), error
+        assert sorted(os.listdir(test.folder)) == before
         there.delete(told[-1].asset)
         assert there.wait(job).state == "done"
 

@@ -22,6 +22,8 @@ TOOL = [*CORE, "client/tool"]
 PARTS = {
     "client/include": [],
     "client/core": ["client/include"],
+    # The module calls the public headers, and sets queries by the table of settings.
+    "client/web": ["client/include", "client/core/base"],
     "proto/net": CORE,
     "proto/wire": CORE,
     "client/rpc": [*CORE, "proto/net", "proto/wire"],

@@ -16,7 +16,7 @@ report() { # WHAT OUTPUT
 sources=$(git ls-files '*.c' '*.h')
 
 report "banned function" "$(echo "$sources" | xargs grep -nE '(^|[^a-zA-Z0-9_])(strcpy|strcat|sprintf|vsprintf|strtok|gets|rand|srand|atoi|atof|alloca)\(' || true)"
-report "first line is not the SPDX line" "$(for f in $sources; do head -n 1 "$f" | grep -q 'SPDX-License-Identifier: Apache-2.0' || echo "$f"; done)"
+report "first line is not the SPDX line" "$(for f in $sources; do head -n 1 "$f" | grep -q 'SPDX-License-Identifier. Apache-2.0' || echo "$f"; done)"
 report "header guard is missing" "$(for f in $(echo "$sources" | tr ' ' '\n' | grep '\.h$' | grep -v '_body\.h$'); do grep -q '^#ifndef [A-Z]' "$f" || echo "$f"; done)"
 report "file name not unique" "$(echo "$sources" | tr ' ' '\n' | grep -v '^client/include/' | sed 's|.*/||' | sort | uniq -d)"
 report "leftover" "$(git ls-files '*.c' '*.h' '*.sh' '*.mk' '*.py' Makefile | grep -v '^tests/lint/' | xargs grep -nE 'TODO|FIXME|HACK|(^|[^X])XXX([^X]|$)' || true)"
@@ -30,6 +30,15 @@ report "test that cannot be executed" "$(git ls-files -s 'tests/*/test_*.py' 'te
 report "tab" "$(echo "$sources" | xargs grep -nP '\t' || true)"
 
 report "name outside of the legend of prefixes (docs/ARCHITECTURE.md)" "$(python3 tests/lint/names.py || true)"
+report "deploy/debian/libumbrage1.symbols is not client/exports" "$(for list in client/exports/*.txt; do
+    awk -v lib="lib$(basename "$list" .txt).so" '/^lib/ { on = index($1, lib ".") == 1; next } on && !/ UMBRAGE_1@/ { sub(/@.*/, ""); print $1 }' \
+        deploy/debian/libumbrage1.symbols | LC_ALL=C sort | diff - "$list" | grep '^[<>]'; done || true)"
+report "licence" "$(python3 tests/lint/licences.py || true)"
+if command -v reuse >/dev/null; then
+    report "reuse lint" "$(said=$(reuse lint 2>&1) || echo "$said" | tail -n 20)"
+else
+    echo "lint: reuse lint skipped: it is not installed (make deps-full installs it)"
+fi
 report "small header with a single user" "$(python3 tests/lint/small_headers.py || true)"
 
 # Other versions of clang-format lay sources out differently.

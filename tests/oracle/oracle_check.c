@@ -26,7 +26,7 @@ static const char usage[] =
     "                    [--json]\n"
     "Compares every voxel with lit and end, computed by brute force from the scene's triangles.\n"
     "  FILE.umbm       the mapped form of FILE.umb: must have its id and the same voxels\n"
-    "  --closed-parts  every part is a closed outward solid; else found by balanced edges\n"
+    "  --closed-parts  every part is a closed outward solid; else found by its edges\n"
     "  --step N        every Nth texel in x and y only; default 1\n"
     "  --json          print one object\n";
 

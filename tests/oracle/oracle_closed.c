@@ -22,8 +22,8 @@ struct work {
     struct corner *corners;
     struct edge *edges;
     size_t edge_count;
-    uint32_t *parent;    /* union-find over triangles */
-    uint8_t *open;       /* a part, by its first triangle: some edge is not balanced */
+    uint32_t *parent; /* union-find over triangles */
+    uint8_t *open; /* a part, by its first triangle: it has an edge that no two triangles share */
     long double *volume; /* a part: six times */
 };
 
@@ -67,18 +67,28 @@ static void number_positions(const struct work *work)
     }
 }
 
+/* 1 if the triangle has no area in doubles: it belongs to no part. */
+static int is_degenerate(const struct oracle_scene *scene, size_t triangle)
+{
+    const uint32_t *v = scene->triangles[triangle];
+    double a[3], b[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = scene->vertices[v[1]][k] - scene->vertices[v[0]][k];
+        b[k] = scene->vertices[v[2]][k] - scene->vertices[v[0]][k];
+    }
+    return a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0];
+}
+
 static void list_edges(struct work *work)
 {
     for (size_t i = 0; i < work->scene->triangle_count; i++) {
-        for (int k = 0; k < 3; k++) {
+        for (int k = 0; k < 3 && !is_degenerate(work->scene, i); k++) {
             uint32_t from = work->position[work->scene->triangles[i][k]];
             uint32_t to = work->position[work->scene->triangles[i][(k + 1) % 3]];
-            if (from != to) {
-                work->edges[work->edge_count++] = (struct edge){.low = from < to ? from : to,
-                                                                .high = from < to ? to : from,
-                                                                .triangle = (uint32_t)i,
-                                                                .way = from < to ? 1 : -1};
-            }
+            work->edges[work->edge_count++] = (struct edge){.low = from < to ? from : to,
+                                                            .high = from < to ? to : from,
+                                                            .triangle = (uint32_t)i,
+                                                            .way = from < to ? 1 : -1};
         }
     }
     qsort(work->edges, work->edge_count, sizeof *work->edges, compare_edges);
@@ -104,15 +114,16 @@ static void join_parts(const struct work *work)
     }
 }
 
+/* Marks the parts of which some edge is not used twice, once in each direction. */
 static void find_open(const struct work *work)
 {
     for (size_t i = 0; i < work->edge_count;) {
-        size_t start = i;
+        const size_t start = i;
         int64_t balance = 0;
         while (i < work->edge_count && compare_edges(&work->edges[start], &work->edges[i]) == 0) {
             balance += work->edges[i++].way;
         }
-        if (balance != 0) {
+        if (balance != 0 || i - start != 2) {
             work->open[part_of(work, work->edges[start].triangle)] = 1;
         }
     }

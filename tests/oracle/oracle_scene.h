@@ -25,8 +25,9 @@ int oracle_scene_read(struct oracle_scene *scene, const char *path,
 
 /*
  * Finds which parts are closed solids whose faces look outward. A part is what shared edges
- * connect, vertices compared by exact position. It is closed if every edge is run through as often
- * one way as the other, and outward if it encloses a positive volume. 0 if there is no memory.
+ * connect, vertices compared by exact position; triangles without area belong to none. It is closed
+ * if every edge is used twice, once in each direction (umb-format.md, section 1), and outward if it
+ * encloses a positive volume. 0 if there is no memory.
  */
 int oracle_scene_find_closed(struct oracle_scene *scene);
 

@@ -11,7 +11,20 @@ last() { # INSTRUCTION: its words, as JSON or as they stand
     sed -n "s/^$1 //p" "$folder/stage" | tail -n 1
 }
 
-same "every base is named by a digest" "" "$(grep '^FROM' "$folder/lines" | grep -v '@\${BASE_DIGEST}')"
+same "every base is named by a digest" "" "$(grep '^FROM' "$folder/lines" | grep -vE '@\$\{BASE_DIGEST\} |^FROM dated( |$)')"
+# Packages of the day on which the base was made: the command, run on the base's list of sources.
+cat >"$folder/debian.sources" <<'SOURCES'
+Types: deb
+# http://snapshot.example/archive/debian/20250520T000000Z
+URIs: http://mirror.example/debian
+Suites: bookworm bookworm-updates
+Components: main
+SOURCES
+pin=$(sed -n "s/^RUN \(sed -i .*\)/\1/p" "$folder/lines" | sed "s|/etc/apt/sources.list.d|$folder|g; s|/etc/apt/apt.conf.d|$folder|g")
+sh -c "$pin"
+same "its packages come from the base's snapshot" "URIs: http://snapshot.example/archive/debian/20250520T000000Z" \
+    "$(grep '^URIs' "$folder/debian.sources")"
+check "which may be older than a week" grep -q 'Check-Valid-Until "false"' "$folder/90snapshot"
 same "the digest has no default" "ARG BASE_DIGEST" "$(grep '^ARG' "$folder/lines")"
 check "it runs as a number that is not root" sh -c "echo '$(last USER)' | grep -qE '^[1-9][0-9]*:[1-9][0-9]*$'"
 for program in umbraged umbrage umbrage-bake; do

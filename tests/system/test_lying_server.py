@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-A thin client with a known id, and servers with a false page: every checksum is right, but the page is
-not the asset's. A web server and a daemon's Regions serve such files.
+A client with a known id, and servers with a false page: every checksum is right, but the page is not
+the asset's. A web server, a daemon's Regions and its Fetch serve such files.
 """
 import concurrent.futures
 import os
@@ -14,14 +14,16 @@ import link  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 grpc, _ = ut.need_grpc()
+umbrage, _ = ut.need_module()
 test = ut.Test()
+umbrage.__path__.append(test.path("generated", "umbrage"))  # message classes are umbrage.v1
 city = test.path("city.umb")
 baked = test.bake(test.scene("city", 8), city, "--resolution", 2048, "--verify", 0)
 with open(city, "rb") as file:
     whole = file.read()
 pages = forged_pages.page_count(whole)
 os.mkdir(test.path("lies"))
-M = test.messages.regions
+M, B = test.messages.regions, test.messages.bakes
 served = {"data": whole}
 
 
@@ -31,8 +33,18 @@ def serve_region(request, context):
     yield M.RegionReply(asset_id=bytes.fromhex(baked["asset"]), file_bytes=len(served["data"]), data=data)
 
 
-class Regions(grpc.GenericRpcHandler):
+def serve_fetch(request, context):
+    data = served["data"]
+    for at in range(request.offset, len(data), 1 << 18):
+        yield B.FetchReply(offset=at, size=len(data), data=data[at:at + (1 << 18)])
+
+
+class Liar(grpc.GenericRpcHandler):
     def service(self, details):
+        if details.method == "/umbrage.v1.Bakes/Fetch":
+            return grpc.unary_stream_rpc_method_handler(
+                serve_fetch, request_deserializer=B.FetchRequest.FromString,
+                response_serializer=B.FetchReply.SerializeToString)
         if details.method != "/umbrage.v1.Regions/Stream":
             return None
         return grpc.unary_stream_rpc_method_handler(
@@ -52,7 +64,7 @@ LIES = list(forged())
 assert len(LIES) >= 3 and LIES[0][0] == 0, [page for page, _ in LIES]
 web = link.RangeServer(test.path("lies"))
 liar = grpc.server(concurrent.futures.ThreadPoolExecutor(4))
-liar.add_generic_rpc_handlers((Regions(),))
+liar.add_generic_rpc_handlers((Liar(),))
 port = liar.add_insecure_port("127.0.0.1:0")
 liar.start()
 SOURCES = {"web server": ["--from-url", f"http://127.0.0.1:{web.port}/city.umb"],
@@ -76,6 +88,22 @@ for name, source in SOURCES.items():
             for words in (["--id", baked["asset"]], []):
                 said = ut.run("umbrage", "stream", *source, *words, "--quiet", code=65).stderr.decode()
                 assert f"page {page} of the file: not what its hash says" in said, said
+
+with test.check("Python's fetch proves every byte against the id, and leaves no file of a lie"):
+    with umbrage.connect(f"tcp:127.0.0.1:{port}") as there:
+        publish(whole)
+        there.fetch(baked["asset"], test.path("fetched.umb"))
+        with open(test.path("fetched.umb"), "rb") as file:
+            assert file.read() == whole
+        before = sorted(os.listdir(test.folder))
+        for data in [lie for _, lie in LIES] + [whole[:-1], whole + b"x", b"no asset" * 100]:
+            publish(data)
+            try:
+                there.fetch(baked["asset"], test.path("lie.umb"))
+                raise AssertionError("not refused")
+            except umbrage.FormatError as error:
+                assert str(error), error
+        assert sorted(os.listdir(test.folder)) == before
 
 liar.stop(None)
 web.close()

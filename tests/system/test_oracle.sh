@@ -37,6 +37,11 @@ exhaust sphere 8 256 auto --sun 10,80
 exhaust box 10 256 auto --sun 20,70
 exhaust city 8 256 auto --sun 135,45 --depth embree --tile 128 --threads 2
 exhaust terrain 64 256 auto --sun 95,3
+# Faces of lamps, in a hall whose closed parts meet open ones.
+exhaust hall 2 64 auto --area 0.13,0.07,5.03,0.1,0.05,-1,2,1
+exhaust hall 1 128 auto --area 0,0,5,0,0,-1,2,1 --area 1,-2,4,0.3,0.2,-1,0.8
+exhaust hall 2 128 auto --spot 0.13,0.07,5.03,0.1,0.05,-1,90
+exhaust hall 2 128 off --area 0.13,0.07,5.03,0.1,0.05,-1,2,1
 exhaust city 8 512 auto --sun 135,45 --effect front=on
 exhaust sphere 8 256 auto --sun 10,80 --effect front=on
 case $(json "$folder/out" "['fronts']") in

@@ -179,6 +179,9 @@ with test.check("what a callback raises reaches the caller"):
     refused(lambda: umbrage.bake(test.path("none.obj"), test.path("no.umb"), program=ut.program("umbrage-bake")),
             "none.obj", kinds=umbrage.FileError)
     refused(lambda: umbrage.bake("x", "y", program="/nonexistent"), "nonexistent", kinds=OSError)
+    path, os.environ["PATH"] = os.environ["PATH"], "/nonexistent"
+    refused(lambda: umbrage.bake("x", "y"), "install the package umbrage-bake", kinds=umbrage.FileError)
+    os.environ["PATH"] = path
     refused(lambda: umbrage.bake(test.scene("city", 8), test.path("no.umb"), program=ut.program("umbrage-bake"),
                                  resolution=100), "resolution", kinds=umbrage.Error)
     assert not os.path.exists(test.path("no.umb"))

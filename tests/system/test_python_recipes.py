@@ -5,6 +5,7 @@ The Python guide: its code blocks run in their order, and each script of docs/ex
 that follow from the scene.
 """
 import csv
+import json
 import os
 import re
 import subprocess
@@ -91,5 +92,20 @@ if HAS_PICTURES:
         shares = [float(number) for number in re.findall(r" ([\d.]+) %", said)]
         assert len(shares) >= 11 and shares[len(shares) // 2] > 90, said  # at noon all of it
         assert is_png("hours.png") and is_png("path.png")
+
+if HAS_PICTURES:
+    with test.check("plot_study: the settings on the front are those that no other beats"):
+        ut.run("umbrage-study", "city.glb", "-o", "study", "--quick", "--max-resolution", "512", "--points", "1000", "--truth",
+               "2")
+        said = script("plot_study.py", "study", "study.png").splitlines()
+        with open("study/report.json", encoding="utf-8") as file:
+            study = json.load(file)
+        rows = [row for row in study["results"] if row["rms"] is not None and row["ns_view"]]
+        kept = [row for row in rows if not any(
+            other["ns_view"] <= row["ns_view"] and other["rms"] < row["rms"] or
+            other["ns_view"] < row["ns_view"] and other["rms"] <= row["rms"] for other in rows)]
+        assert {f"{row['method']} {study['bakes'][row['bake']]['resolution']} voxels, {row['taps']} taps, level {row['level']}"
+                for row in kept} == {line.split(":")[0] for line in said}, (kept, said)
+        assert is_png("study.png") and script("plot_study.py", "study/report.json", "again.png").splitlines() == said
 
 test.finish()

@@ -43,14 +43,12 @@ for file in city.png street.part load.html answers.u8 store/city.umb study/repor
 done
 
 section python | smaller >tour.py
-if ! command -v protoc >/dev/null || ! /usr/bin/python3 -c 'import grpc' 2>/dev/null; then
-    left_out "the tour in Python" "protoc or python3-grpcio is not installed"
+if ! /usr/bin/python3 -c 'import numpy, cffi' 2>/dev/null; then
+    left_out "the tour in Python" "python3-numpy or python3-cffi is not installed"
 else
-    protoc -I../proto --python_out=. umbrage/v1/shadows.proto
-    PYTHONPATH=. timeout 30 /usr/bin/python3 tour.py >"$folder/python" 2>"$folder/err"
-    printf '10 2 10\n-40 0.5 12\n' | "$BUILD/umbrage" query store/city.umb --points - --taps 9 \
-        --encoding u8 --quiet | od -An -tu1 | xargs >"$folder/wanted"
-    same "Python gets the answers of the command line" "$(cat "$folder/wanted")" \
-        "$(tr -d '[],' <"$folder/python" | awk '{ for (i = 1; i <= NF; i++) print int(255 * $i + 0.5) }' | xargs)"
+    PYTHONPATH=$BUILD/python LD_LIBRARY_PATH=$BUILD timeout 30 /usr/bin/python3 tour.py >"$folder/python" 2>"$folder/err"
+    printf '10 2 10\n-40 0.5 12\n' | "$BUILD/umbrage" query store/city.umb --points - --taps 9 --quiet | xargs >"$folder/wanted"
+    same "Python gets the answers of the command line" "$(awk '{ for (i = 1; i <= NF; i++) printf "%.6f ", $i }' "$folder/wanted")" \
+        "$(tr -d '[],' <"$folder/python" | awk '{ for (i = 1; i <= NF; i++) printf "%.6f ", $i }')"
 fi
 finish

@@ -5,7 +5,9 @@
 
 #include <stdlib.h>
 #include <string.h>
+#ifndef __wasi__ /* WebAssembly has no pages to advise */
 #include <sys/mman.h>
+#endif
 
 #define CACHE_LINE 64U
 /* Bytes of a large page on x86-64; other systems round the size or refuse */
@@ -37,6 +39,22 @@ void *umb__alloc(const struct umb_alloc *alloc, size_t count, size_t size)
     return umb__resize(alloc, NULL, bytes ? bytes : 1);
 }
 
+/* Advises the system to use large pages for a block. madvise is called only for large pages that
+ * lie wholly inside the block, so it never changes another block's memory. */
+static void advise_large(void *block, size_t bytes)
+{
+#ifndef __wasi__
+    const uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
+    const uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
+    if (first < end) {
+        (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
+    }
+#else
+    (void)block;
+    (void)bytes;
+#endif
+}
+
 void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
 {
     size_t bytes;
@@ -47,13 +65,7 @@ void *umb__alloc_large(const struct umb_alloc *alloc, size_t count, size_t size)
     void *block =
         alloc ? umb__alloc(alloc, count, size) : aligned_alloc(align, (bytes / align + 1) * align);
     if (block) {
-        /* madvise is called only for large pages that lie wholly inside the block, so it never
-         * changes another block's memory. */
-        uintptr_t first = ((uintptr_t)block + LARGE_PAGE - 1) & ~(LARGE_PAGE - 1);
-        uintptr_t end = ((uintptr_t)block + bytes) & ~(LARGE_PAGE - 1);
-        if (first < end) {
-            (void)madvise((void *)first, end - first, MADV_HUGEPAGE);
-        }
+        advise_large(block, bytes);
     }
     return block;
 }

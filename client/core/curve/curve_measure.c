@@ -188,9 +188,42 @@ _Static_assert(UMB__CURVE_TAPS_COUNT + (UMB_LEVEL_MAX - UMB__GRID_LOG2_MAX + 1) 
                    UMB_CURVE_ROWS_MAX,
                "rows of a light");
 
+/* A light's settings, each measured as a whole by one thread. */
+struct measuring {
+    struct setting *settings;
+    const struct umb__content *content;
+    const struct umb__octree *octree;
+    const struct umb_points *points;
+    uint32_t rows;
+};
+
+/* Measures one setting: those with wide windows, which cost most, first. */
+static void measure_row(void *user, uint32_t number, unsigned worker)
+{
+    const struct measuring *m = user;
+    struct setting *setting =
+        &m->settings[number < UMB__CURVE_TAPS_COUNT ? UMB__CURVE_TAPS_COUNT - 1 - number : number];
+    (void)worker;
+    for (size_t i = 0; i < m->points->count; i++) {
+        add_point(setting, m->content, m->octree, m->points, i);
+    }
+}
+
+static void measure_rows(struct measuring *m, const struct umb_workers *workers)
+{
+    if (workers != NULL) {
+        workers->run(workers->user, measure_row, m, m->rows);
+        return;
+    }
+    for (uint32_t row = 0; row < m->rows; row++) {
+        measure_row(m, row, 0);
+    }
+}
+
 enum umb_status umb__curve_measure(const struct umb__content *content,
                                    const struct umb__octree *octree, uint32_t light,
                                    const struct umb_points *points,
+                                   const struct umb_workers *workers,
                                    struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
                                    uint32_t *count, struct umb_error *error)
 {
@@ -220,10 +253,11 @@ enum umb_status umb__curve_measure(const struct umb__content *content,
         umb__content_derive(&bare.canonical.content); /* As every reader of the file does */
         status = list_settings(&bare, light, settings, &rows, error);
     }
+    if (status == UMB_OK) {
+        struct measuring m = {settings, &bare.canonical.content, octree, points, rows};
+        measure_rows(&m, workers);
+    }
     for (uint32_t row = 0; row < rows && status == UMB_OK; row++) {
-        for (size_t i = 0; i < points->count; i++) {
-            add_point(&settings[row], &bare.canonical.content, octree, points, i);
-        }
         if (settings[row].sums.points > 0) {
             records[(*count)++] = settings[row].sums;
         }

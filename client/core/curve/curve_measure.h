@@ -19,7 +19,8 @@
  *
  * In:    content: lights, frusta and origin are read. octree: canonical, a root for each frustum.
  *        points: on surfaces, with normals towards the light; at most UMB__CURVE_POINTS_MAX,
- *        finite. Points whose normal faces away do not count.
+ *        finite. Points whose normal faces away do not count. workers: helpers, which share the
+ *        settings; NULL: the calling thread does everything.
  * Out:   records: [UMB_CURVE_ROWS_MAX], ascending. count: number of records, 0 if no point counts.
  * Fails: E_NO_MEMORY, E_NOT_FOUND (light).
  * Cost:  about 20 us a point at 16384 voxels a side.
@@ -27,6 +28,7 @@
 UMB_CHECKED enum umb_status umb__curve_measure(const struct umb__content *content,
                                                const struct umb__octree *octree, uint32_t light,
                                                const struct umb_points *points,
+                                               const struct umb_workers *workers,
                                                struct umb__curve_record records[UMB_CURVE_ROWS_MAX],
                                                uint32_t *count, struct umb_error *error);
 

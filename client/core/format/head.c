@@ -184,10 +184,12 @@ enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size, struct 
     return parse(bytes, size, true, head, error);
 }
 
-enum umb_status umb__head_measure(const uint8_t *bytes, size_t size, struct umb_file_head *facts,
-                                  struct umb_error *error)
+enum umb_status umb_file_read_head(const void *front, size_t size, struct umb_file_head *facts,
+                                   struct umb_error *error)
 {
+    const uint8_t *bytes = front;
     struct umb__head head = {0};
+    memset(facts, 0, sizeof *facts);
     UMB__TRY(parse_magic(bytes, size, &head, error));
     const enum umb_status status = parse_lengths(bytes, size, true, &head, error);
     if (status != UMB_OK &&

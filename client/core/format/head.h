@@ -38,10 +38,6 @@ UMB_CHECKED enum umb_status umb__head_parse(const uint8_t *bytes, size_t size,
 UMB_CHECKED enum umb_status umb__head_parse_front(const uint8_t *bytes, size_t size,
                                                   struct umb__head *head, struct umb_error *error);
 
-/* Fills in what a file's first 128 bytes claim; see umb_file_read_head. */
-UMB_CHECKED enum umb_status umb__head_measure(const uint8_t *bytes, size_t size,
-                                              struct umb_file_head *facts, struct umb_error *error);
-
 /* Returns the length in bytes of a head, from the lengths of its parts. */
 uint64_t umb__head_length(const struct umb__head *head);
 

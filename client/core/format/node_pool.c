@@ -432,19 +432,6 @@ enum umb_status umb__pool_node(struct umb__pool *pool, uint32_t level_number,
     return umb__pool_node_from(pool, level_number, &key, tag, place, ref, error);
 }
 
-void umb__octree_finish(struct umb__octree *octree)
-{
-    const struct umb_alloc *alloc = octree->alloc;
-    umb__free(alloc, octree->bricks);
-    umb__free(alloc, octree->roots);
-    for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(alloc, octree->level[level].masks);
-        umb__free(alloc, octree->level[level].first);
-        umb__free(alloc, octree->level[level].children);
-    }
-    memset(octree, 0, sizeof *octree);
-}
-
 enum umb_status umb__pool_take(struct umb__pool *pool, const uint32_t *refs, const uint32_t *levels,
                                uint32_t root_count, struct umb__octree *octree,
                                struct umb_error *error)

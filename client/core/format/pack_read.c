@@ -174,7 +174,8 @@ static enum umb_status read_others(struct reader *r, uint32_t p, uint32_t l)
     return UMB_OK;
 }
 
-/* Reads the keys of a page's next nodes of a level. Nodes in other pages are in the pool. */
+/* Reads the next group of nodes of one level of a page, as keys for the node pool. The nodes of
+ * other pages to which they refer are in the node pool already. */
 static void read_keys(const struct reader *r, const uint32_t *own, struct umb__page_nodes *nodes,
                       struct umb__pool_group *group)
 {

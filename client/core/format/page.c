@@ -480,7 +480,8 @@ static void write_nodes(struct writer *w, const struct umb__pack_page *page, uin
     keep(w, umb__put_list(at, w->e->references, written, high_bits));
 }
 
-/* Finds the runs of the page's bricks and the leaf of each run. Returns the number of runs. */
+/* Divides the page's bricks into runs of equal slices, and finds the leaf of each run: the mask of
+ * one slice. Returns the number of runs. */
 static size_t list_leaves(struct writer *w)
 {
     const struct umb__value_set *nodes = nodes_of(w, UMB_LEVEL_BRICK);

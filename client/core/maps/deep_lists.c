@@ -361,7 +361,8 @@ static double place_faded(const struct umb__deep *deep, const struct place *plac
     return left + (before - left) * exp(-deep->settings.exponent * (depth - (double)node->depth));
 }
 
-/* Returns the number of the node in the next list to which a position's node is linked. */
+/* Returns the link of a position's node: the number of a node in the list of the texel to the right
+ * or, if `upper` is 1, of the texel above. 0: the position has no node. */
 static inline uint32_t place_link(const struct place *place, int upper)
 {
     if (place->nearer == 0) {

@@ -123,7 +123,8 @@ static size_t absorbance_weigh(const struct umb_map_fragment *sorted, size_t cou
     return used;
 }
 
-/* Computes channel 0, the sum of the shares, or channel k, the mean of Tk times that sum. */
+/* Computes channel k of a texel: the sum, over its layers, of the share of light that a layer takes
+ * times the Chebyshev polynomial T_k of the layer's depth. T_0 is 1. */
 static double absorbance_encode(uint32_t k, const struct umb__taken *taken, size_t count)
 {
     double sum = 0.0;

@@ -138,8 +138,9 @@ bool umb__extents_take(struct umb__extents *extents, uint32_t count, uint32_t *e
     return true;
 }
 
-void umb__extents_give(struct umb__extents *extents, uint32_t at)
+void umb__extents_give(struct umb__extents *extents, uint32_t extent)
 {
+    uint32_t at = extent;
     const uint32_t before = extents->items[at].before, after = extents->items[at].after;
     if (after != UMB__NO_EXTENT && extents->items[after].free) {
         list_remove(extents, after);

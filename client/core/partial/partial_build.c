@@ -14,6 +14,15 @@
 #include "base/try.h"
 #include "partial/partial_parts.h"
 
+/* Stands for an array without entries: queries compute addresses of entries that they do not read,
+ * and a null pointer has none. */
+static const uint64_t no_entries[8];
+
+static const void *entries_of(const struct umb__arena *arena)
+{
+    return arena->base != NULL ? (const void *)arena->base : no_entries;
+}
+
 /* Makes an asset for queries from the layout. The partial asset still owns content and id. */
 static void set_view(const struct umb_partial *p, size_t i, struct umb_asset *asset)
 {
@@ -22,8 +31,8 @@ static void set_view(const struct umb_partial *p, size_t i, struct umb_asset *as
     asset->view = (struct umb__view){
         .tops = p->tops,
         .grid = p->grids[i],
-        .nodes = (const uint64_t *)(const void *)p->nodes[i].base,
-        .bricks = (const uint64_t(*)[8])(const void *)p->bricks.base,
+        .nodes = entries_of(&p->nodes[i]),
+        .bricks = entries_of(&p->bricks),
         .columns = p->columns,
         .pieces = p->pieces[i],
         .grid_count = p->grid_count,

@@ -3,6 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX2_H
 /* Lanes (kernel_place_lanes.h) of AVX2: four doubles. */
 #include <immintrin.h>
+#include "query/kernel_eights_avx2.h"
 #include "query/kernel_parts.h"
 
 #define UMB__LANES 4U
@@ -16,6 +17,8 @@ typedef __m256d umb__lane_mask;
 #define UMB__LANES_ABS(a)                _mm256_andnot_pd(_mm256_set1_pd(-0.0), a)
 #define UMB__LANES_ABOVE(a, b)           _mm256_cmp_pd(a, b, _CMP_GT_OQ)
 #define UMB__LANES_AT_LEAST(a, b)        _mm256_cmp_pd(a, b, _CMP_GE_OQ)
+#define UMB__LANES_NONE(mask)            ((void)(mask), false)
+#define UMB__LANES_ALL(mask)             ((void)(mask), false)
 #define UMB__MASK_AND(a, b)              _mm256_and_pd(a, b)
 #define UMB__MASK_BITS(mask)             ((unsigned)_mm256_movemask_pd(mask))
 #define UMB__LANES_SELECT(mask, yes, no) _mm256_blendv_pd(no, yes, mask)
@@ -57,7 +60,7 @@ static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 }
 
 /* Eight integers from two times four lanes. */
-static inline __m256i umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
+static inline umb__eight umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
 {
     return _mm256_inserti128_si256(_mm256_castsi128_si256(part[0]), part[1], 1);
 }

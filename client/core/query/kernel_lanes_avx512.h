@@ -3,6 +3,7 @@
 #define UMBRAGE_CORE_QUERY_KERNEL_LANES_AVX512_H
 /* Lanes (kernel_place_lanes.h) of AVX-512: eight doubles. */
 #include <immintrin.h>
+#include "query/kernel_eights_avx2.h"
 #include "query/kernel_parts.h"
 
 #define UMB__LANES 8U
@@ -16,6 +17,8 @@ typedef __mmask8 umb__lane_mask;
 #define UMB__LANES_ABS(a)                _mm512_andnot_pd(_mm512_set1_pd(-0.0), a)
 #define UMB__LANES_ABOVE(a, b)           _mm512_cmp_pd_mask(a, b, _CMP_GT_OQ)
 #define UMB__LANES_AT_LEAST(a, b)        _mm512_cmp_pd_mask(a, b, _CMP_GE_OQ)
+#define UMB__LANES_NONE(mask)            ((void)(mask), false)
+#define UMB__LANES_ALL(mask)             ((void)(mask), false)
 #define UMB__MASK_AND(a, b)              ((umb__lane_mask)((a) & (b)))
 #define UMB__MASK_BITS(mask)             (mask)
 #define UMB__LANES_SELECT(mask, yes, no) _mm512_mask_blend_pd(mask, no, yes)
@@ -59,7 +62,7 @@ static inline void umb__lanes_load_f64(const uint8_t *at, umb__lanes axis[3])
 }
 
 /* Eight integers from eight lanes. */
-static inline __m256i umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
+static inline umb__eight umb__join_ints(const umb__lane_ints part[8 / UMB__LANES])
 {
     return part[0];
 }

@@ -140,7 +140,8 @@ static inline int32_t umb__wide_slack(const struct umb__query *q,
     return slack;
 }
 
-/* Sets up one axis: the constant that the sums start from, and the reach of points. */
+/* Sets up the placing of points along one voxel axis. Returns the constant to which a point's three
+ * products are added. Raises *most to the largest voxel coordinate that such a sum can reach. */
 static inline double umb__wide_base(const struct umb__query *q, const struct umb_points *points,
                                     unsigned axis, double longest, double *most)
 {

@@ -7,8 +7,10 @@
  * every voxel index is the same. If one of eight points is not clearly inside the frustum, all
  * eight go point by point.
  *
- * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes)
- * or kernel_lanes_avx512.h (eight) before this one.
+ * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes),
+ * kernel_lanes_avx512.h (eight) or kernel_lanes_simd128.h (two) before this one. With few lanes it
+ * pays to ask whether a mask has none or all of them (UMB__LANES_NONE, UMB__LANES_ALL) and to skip
+ * what only the others need; with many lanes both are always false.
  */
 #include "query/kernel_parts.h"
 
@@ -23,9 +25,9 @@ struct umb__lane_placer {
     umb__lanes voxel_step[3][3]; /* World vectors of voxels, for points with normals; `direction` is
                                     for these, too */
     umb__lanes direction[3];
-    __m256i half;  /* Number of texels before a window's centre */
-    __m256i reach; /* Number of texels from a window's first to its last */
-    __m128i log2_size;
+    umb__eight half;  /* Number of texels before a window's centre */
+    umb__eight reach; /* Number of texels from a window's first to its last */
+    umb__eight_shift log2_size;
 };
 
 static inline void umb__lane_placer_init(const struct umb__query *q,
@@ -47,9 +49,9 @@ static inline void umb__lane_placer_init(const struct umb__query *q,
             placer->voxel_step[axis][k] = UMB__LANES_OF(q->voxel_step[axis][k]);
         }
     }
-    placer->half = _mm256_set1_epi32(q->taps / 2);
-    placer->reach = _mm256_set1_epi32(q->taps - 1);
-    placer->log2_size = _mm_cvtsi32_si128((int)q->log2_size);
+    placer->half = umb__eight_of(q->taps / 2);
+    placer->reach = umb__eight_of(q->taps - 1);
+    placer->log2_size = umb__eight_shift_of(q->log2_size);
 }
 
 static inline umb__lanes umb__lanes_dot(const umb__lanes v[3], const umb__lanes w[3])
@@ -88,10 +90,16 @@ UMB__INLINE umb__lanes umb__lift_lanes(const struct umb__lane_placer *placer, co
     const umb__lanes rest = half * (UMB__LANES_OF(taps) * across + depth) - most * depth;
     const umb__lane_mask more = UMB__LANES_ABOVE(rest, zero);
     const umb__lanes exact = half * (UMB__LANES_OF(taps - follows) * across + depth) / depth;
+    lift->depth = exact;
+    for (unsigned axis = 0; axis < 2; axis++) {
+        lift->slope[axis] = UMB__LANES_OF(follows) * along[axis] / depth;
+    }
+    if (UMB__LANES_NONE(more)) {
+        return zero;
+    }
     lift->depth = UMB__LANES_SELECT(more, most, exact);
     for (unsigned axis = 0; axis < 2; axis++) {
-        const umb__lanes slope = UMB__LANES_OF(follows) * along[axis] / depth;
-        lift->slope[axis] = UMB__LANES_SELECT(more, zero, slope);
+        lift->slope[axis] = UMB__LANES_SELECT(more, zero, lift->slope[axis]);
     }
     return UMB__LANES_SELECT(more, rest / length2, zero);
 }
@@ -109,17 +117,21 @@ UMB__INLINE unsigned umb__move_lanes(const struct umb__lane_placer *placer, size
     umb__lane_mask has =
         UMB__MASK_AND(UMB__LANES_ABOVE(length2, zero),
                       UMB__LANES_AT_LEAST(UMB__LANES_OF(UMB__LENGTH2_MAX), length2));
+    const bool all = UMB__LANES_ALL(has);
     *lift = (struct umb__lanes_lift){zero, {zero, zero}};
     if (q->bias_mode == UMB_BIAS_AUTO) {
         scale = umb__lift_lanes(placer, n, length2, lift);
-        lift->depth = UMB__LANES_SELECT(has, lift->depth, zero);
-        lift->slope[0] = UMB__LANES_SELECT(has, lift->slope[0], zero);
-        lift->slope[1] = UMB__LANES_SELECT(has, lift->slope[1], zero);
+        if (!all) {
+            lift->depth = UMB__LANES_SELECT(has, lift->depth, zero);
+            lift->slope[0] = UMB__LANES_SELECT(has, lift->slope[0], zero);
+            lift->slope[1] = UMB__LANES_SELECT(has, lift->slope[1], zero);
+        }
     } else {
         scale = UMB__LANES_OF(q->bias_m) / UMB__LANES_SQRT(length2);
     }
     for (unsigned axis = 0; axis < 3; axis++) {
-        p[axis] = UMB__LANES_SELECT(has, p[axis] + n[axis] * scale, p[axis] - placer->push[axis]);
+        const umb__lanes moved = p[axis] + n[axis] * scale;
+        p[axis] = all ? moved : UMB__LANES_SELECT(has, moved, p[axis] - placer->push[axis]);
     }
     umb__lane_mask away = UMB__LANES_AT_LEAST(umb__lanes_dot(n, placer->direction), zero);
     return UMB__MASK_BITS(UMB__MASK_AND(away, has));
@@ -136,9 +148,10 @@ UMB__INLINE umb__lanes umb__lift_depths(const struct umb__lanes_lift *lift, cons
 }
 
 /* First texels of windows, with a point in each lane; and bits of the points that are negative or
- * face away. */
+ * face away. A coordinate beyond 32 bits is INT32_MIN or INT32_MAX. One that is NaN is INT32_MIN,
+ * or its lane is in `negative`. */
 struct umb__placed_lanes {
-    umb__lane_ints axis[3]; /* INT32_MIN where a coordinate is beyond 32 bits or NaN */
+    umb__lane_ints axis[3];
     unsigned negative, away;
 };
 
@@ -177,16 +190,6 @@ UMB__INLINE struct umb__placed_lanes umb__place_lanes(const struct umb__lane_pla
     return to;
 }
 
-/* Sets the lanes of points without a look-up to voxel 0, 0, 0. */
-static inline void umb__clear_lanes(__m256i v[3], unsigned away)
-{
-    const __m256i bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-    __m256i cleared = _mm256_set1_epi32((int)away) & bits;
-    for (unsigned axis = 0; axis < 3; axis++) {
-        v[axis] = _mm256_andnot_si256(_mm256_cmpeq_epi32(cleared, bits), v[axis]);
-    }
-}
-
 /*
  * Places points index .. index + 7 as lanes i .. i + 7 of the block. Returns the lanes with a
  * look-up in the low byte, and those that face away in the next byte. A lane in neither has a point
@@ -207,24 +210,22 @@ UMB__INLINE unsigned umb__place_eight(const struct umb__lane_placer *placer, siz
         negative |= placed.negative << k * UMB__LANES;
         away |= placed.away << k * UMB__LANES;
     }
-    __m256i v[3], ends;
+    umb__eight v[3], ends;
     v[2] = ends = umb__join_ints(part[2]);
     for (unsigned axis = 0; axis < 2; axis++) {
         /* The window's first texel, not its centre. */
-        v[axis] = _mm256_sub_epi32(umb__join_ints(part[axis]), placer->half);
-        ends |= v[axis];
-        ends |= _mm256_add_epi32(v[axis], placer->reach);
+        v[axis] = umb__eight_sub(umb__join_ints(part[axis]), placer->half);
+        ends = umb__eight_or(ends, v[axis]);
+        ends = umb__eight_or(ends, umb__eight_add(v[axis], placer->reach));
     }
-    __m256i beyond = _mm256_srl_epi32(ends, placer->log2_size);
-    __m256i inside = _mm256_cmpeq_epi32(beyond, _mm256_setzero_si256());
-    unsigned look = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(inside)) & ~negative & ~away;
-    if (away) {
-        umb__clear_lanes(v, away);
+    unsigned look = umb__eight_below(ends, placer->log2_size) & ~negative & ~away;
+    for (unsigned axis = 0; axis < 3 && away; axis++) {
+        v[axis] = umb__eight_clear(v[axis], away); /* Points without a look-up: voxel 0, 0, 0 */
     }
-    _mm256_storeu_si256((__m256i *)(void *)(block->x + i), v[0]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->y + i), v[1]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->z + i), v[2]);
-    _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), _mm256_setzero_si256());
+    umb__eight_store(block->x + i, v[0]);
+    umb__eight_store(block->y + i, v[1]);
+    umb__eight_store(block->z + i, v[2]);
+    umb__eight_store((int32_t *)block->lit + i, umb__eight_of(0));
     return look | away << 8;
 }
 

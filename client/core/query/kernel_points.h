@@ -98,8 +98,8 @@ static inline const uint64_t *umb__target(const struct umb__query *q, bool brick
 {
     /* Addresses are computed as integers: a uniform cube may have any number, and there may be no
      * nodes at all. */
-    const uintptr_t inner = brick ? (uintptr_t)q->bricks + number * sizeof *q->bricks
-                                  : (uintptr_t)q->nodes + number * sizeof *q->nodes;
+    const uintptr_t inner = brick ? (uintptr_t)q->bricks + (uintptr_t)(number * sizeof *q->bricks)
+                                  : (uintptr_t)q->nodes + (uintptr_t)(number * sizeof *q->nodes);
     const uint64_t *const uniform = brick ? umb__uniform_bricks[lit] : umb__uniform_nodes + 2 * lit;
     return (const uint64_t *)umb__select(mixed, inner, (uintptr_t)uniform);
 }

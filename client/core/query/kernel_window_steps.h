@@ -51,8 +51,9 @@ UMB__INLINE uint32_t umb__touched_states(const struct umb__window_masks *masks,
     return (uint32_t)(mixed != 0) | (uint32_t)(lit != 0) << 1 | (uint32_t)(shadowed != 0) << 2;
 }
 
-/* Stores the answers of windows whose heads are settled. Eight are written at a time: later runs
- * overwrite the excess, and windows that needed no look-up get their answers back. */
+/* Copies the answer of each run's first window, its head, to all windows of the run, if the head's
+ * answer is complete. Eight answers are written at a time. Later runs overwrite the excess, and the
+ * answers of windows that needed no look-up are put back afterwards. */
 static inline void umb__spread_settled(struct umb__block *block, const struct umb__block *heads,
                                        uint64_t settled, const struct umb__runs *runs)
 {

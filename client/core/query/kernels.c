@@ -21,6 +21,12 @@ void umb__tent_wide(const struct umb__query *query, const struct umb_points *poi
 
 const struct umb__kernels *umb__kernels_here(void)
 {
+#if defined(__wasm_simd128__)
+    static const struct umb__kernels simd128 = {umb__kernel_simd128, umb__tent_simd128,
+                                                umb__kernel_coarse_simd128, umb__receivers_base,
+                                                umb__squares_base};
+    return &simd128;
+#else
     static const struct umb__kernels base = {umb__kernel_base, umb__tent_base, umb__kernel_coarse,
                                              umb__receivers_base, umb__squares_base};
 #if defined(__x86_64__)
@@ -39,4 +45,5 @@ const struct umb__kernels *umb__kernels_here(void)
     }
 #endif
     return &base;
+#endif
 }

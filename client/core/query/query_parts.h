@@ -365,14 +365,14 @@ uint32_t umb__weigh_tent(const struct umb__query *q, const double v[3],
                          const struct umb__window *window, struct umb_query_stats *stats);
 
 /* Kernels of windows: one source (kernel_body.h), compiled for each instruction set. */
-umb__kernel umb__kernel_base, umb__kernel_avx2, umb__kernel_avx512;
-umb__kernel umb__tent_base, umb__tent_avx2, umb__tent_avx512;
+umb__kernel umb__kernel_base, umb__kernel_avx2, umb__kernel_avx512, umb__kernel_simd128;
+umb__kernel umb__tent_base, umb__tent_avx2, umb__tent_avx512, umb__tent_simd128;
 
 /* Run a batch with a kernel for AVX-512, a short one with a kernel for AVX2. */
 umb__kernel umb__run_wide, umb__tent_wide;
 
 /* Kernels of look-ups that stop at a level (kernel_coarse_body.h). */
-umb__kernel umb__kernel_coarse, umb__kernel_coarse_avx2;
+umb__kernel umb__kernel_coarse, umb__kernel_coarse_avx2, umb__kernel_coarse_simd128;
 
 /* Kernel of penumbras (penumbra.c). */
 umb__kernel umb__kernel_penumbra;

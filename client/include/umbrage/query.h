@@ -57,9 +57,9 @@ enum umb_bias_mode {
      * ex, ey, ez are the world vectors of one voxel. Suns: the point is lifted by s / c metres
      * towards the light, c being the cosine between n and the light, and at most by 2 taps - 1/2
      * texels; where that is too short, the rest is along n. A lift displaces no edge of a shadow.
-     * With more than one tap it counts from the plane's depth at the centre of the window, for
-     * which taps - 1 suffices in s. Spot and point lights: s along n, with the voxel size at the
-     * point, which grows with the distance from the light. Coarse look-ups: s along n. Without
+     * With more than one tap, the lift begins at the plane's depth under the centre of the window,
+     * and s has taps - 1 in place of taps. Spot and point lights: s along n, with the voxel size at
+     * the point, which grows with the distance from the light. Coarse look-ups: s along n. Without
      * normals: s of the normal (1,1,1)/sqrt(3) in voxels, towards the light. */
     UMB_BIAS_AUTO = 0,
     UMB_BIAS_VOXELS = 1, /* `bias` voxels (mean edge) along the normal, else towards the light */

@@ -2,7 +2,8 @@
 """
 The C libraries, by cffi's tables of their public headers (_declarations.py, made by the build).
 
-A wheel carries the libraries in the folder `lib` beside this file; else the system's linker finds them.
+A wheel carries the libraries in the folder `lib` beside this file, and umbrage-bake in `bin`; else the system's linker
+finds the libraries, and PATH the program.
 """
 from __future__ import annotations
 
@@ -14,11 +15,11 @@ from ._declarations import ffi as _ffi
 from .errors import raise_status
 
 ffi: Any = _ffi
-_FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "lib")
+OWN = os.path.dirname(os.path.abspath(__file__))
 
 
 def _load(name: str) -> Any:
-    own = os.path.join(_FOLDER, name)
+    own = os.path.join(OWN, "lib", name)
     # Never unloaded: objects that Python frees last, at its end, still call functions of it.
     return ffi.dlopen(own if os.path.exists(own) else name, ffi.RTLD_NOW | ffi.RTLD_NODELETE)
 

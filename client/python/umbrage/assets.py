@@ -4,8 +4,8 @@ Assets and answers: what is common to assets of files, of ranges and of daemons.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Callable, Optional, Sequence, Union
+from dataclasses import astuple, dataclass
+from typing import Any, Callable, Iterable, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -115,6 +115,11 @@ class Boxes:
 def stats_of(c_stats: Any) -> Stats:
     """Stats of a struct umb_query_stats."""
     return Stats(*(getattr(c_stats, name) for name in Stats.__dataclass_fields__))
+
+
+def stats_sum(parts: Iterable[Stats]) -> Stats:
+    """Counts of several runs together."""
+    return Stats(*(sum(column) for column in zip(*(astuple(part) for part in parts))))
 
 
 def whole_result(values: npt.NDArray[Any], shape: tuple[int, ...], **known: Any) -> Result:

@@ -13,12 +13,18 @@ import threading
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, Mapping, Optional
 
-from ._library import path_text
+from ._library import OWN, path_text
 from .errors import CancelledError, Error, FileError, SceneError
 
 # Exit codes of umbrage-bake that have an exception of their own.
 _CLASSES = {65: (SceneError, "E_BAD_SCENE"), 66: (FileError, "E_NO_INPUT"), 73: (FileError, "E_CANNOT_CREATE"),
             74: (FileError, "E_IO"), 130: (CancelledError, "E_CANCELLED"), 143: (CancelledError, "E_CANCELLED")}
+
+
+def _own_program() -> str:
+    """The program that the wheel carries; else the name, which PATH resolves."""
+    own = os.path.join(OWN, "bin", "umbrage-bake")
+    return own if os.path.exists(own) else "umbrage-bake"
 
 
 @dataclass(frozen=True)
@@ -68,20 +74,21 @@ def _read_progress(lines: Any, progress: Callable[[Progress], Any], plan: list[s
 
 
 def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any]] = None,
-         program: str = "umbrage-bake", **options: Any) -> dict[str, Any]:
+         program: Optional[str] = None, **options: Any) -> dict[str, Any]:
     """
     Bakes a scene file into an asset file, and returns umbrage-bake's report as a dict.
 
     options   umbrage-bake's: bake("city.glb", "city.umb", sun=["135,45", "200,30"], resolution=16384, closed="off")
     progress  called with Progress on a thread of its own; an exception in it ends the bake
-    program   path of umbrage-bake
+    program   path of umbrage-bake; None: the one that the wheel carries, else the first on PATH
 
     The output appears whole or not at all. Ctrl-C ends the bake and leaves nothing. Raises SceneError, FileError, and
     Error with the sentence of umbrage-bake.
     """
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: must be callable, not {type(progress).__name__}")
-    names = [path_text(value, name) for value, name in ((program, "program"), (scene, "scene"), (output, "output"))]
+    names = [path_text(value, name) for value, name in ((_own_program() if program is None else program, "program"),
+                                                        (scene, "scene"), (output, "output"))]
     given = words_of(options)
     if any("\0" in word for word in given):
         raise ValueError("options: have a NUL character")
@@ -94,7 +101,8 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
                                    pass_fds=(writer,), text=True, errors="replace")
     except OSError as problem:
         os.close(reader)
-        raise FileError(f"{program}: {problem.strerror}", "E_NO_INPUT", problem.errno or 0) from None
+        advice = "" if program is not None else ": install the package umbrage-bake, or give its path as program"
+        raise FileError(f"{names[0]}: {problem.strerror}{advice}", "E_NO_INPUT", problem.errno or 0) from None
     finally:
         os.close(writer)
 
@@ -126,6 +134,6 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
     try:
         report: dict[str, Any] = json.loads(told)
     except ValueError:
-        raise Error(f"{program}: prints no report: is it umbrage-bake?", "E_PROTOCOL") from None
+        raise Error(f"{names[0]}: prints no report: is it umbrage-bake?", "E_PROTOCOL") from None
     report["plan"] = plan
     return report

@@ -12,17 +12,19 @@ from dataclasses import dataclass
 from typing import Any, Callable, Iterator, Mapping, Optional, Union
 
 from . import _library as lib
-from ._arrays import DOUBLE, number, triple
+from ._arrays import DOUBLE, number, slice_of, triple
+from ._limits import Limits, calls, read_limits
 from ._library import Handle, check, core, ffi, rpc, text
 from ._slices import aside
 from ._settings import Dial, Settings, c_dial, c_settings, count
-from .assets import Asset, Result, stats_of, whole_result
+from .assets import NO_DIAL, Asset, Result, stats_of, stats_sum, whole_result
 from .bakes import pairs_of
-from .errors import raise_status
+from .errors import LimitError, raise_status
 from .info import AssetInfo, curve_row, light_of, three
 from .range_asset import RangeAsset
 
 STATES = ("queued", "running", "done", "failed", "poison")
+FETCH_MAX = 64 << 30  # bytes that a server may announce to `fetch`
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,16 @@ class _Call:
             rpc.umb_client_cancel(client.pointer, handle.call, ffi.NULL)
 
 
+def _prove(path: str, asset_id: Any) -> None:
+    """Proves that a packed file has the content of an id. Raises FormatError."""
+    file, error = ffi.new("struct umb_file *"), lib.new_error()
+    check(core.umb_file_open(lib.path_bytes(path), file, error), error)
+    try:
+        check(core.umb_packed_prove(file.bytes, file.size, asset_id, rpc.umb_sha256_openssl(), error), error)
+    finally:
+        core.umb_file_close(file)
+
+
 class Daemon:
     """
     A daemon, or several with the same assets. `umbrage.connect` makes it; use it in a `with` statement.
@@ -179,6 +191,7 @@ class Daemon:
                  certificate_file: Any = None, key_file: Any = None, server_name: Optional[str] = None,
                  timeout: float = 60.0) -> None:
         self._client: Optional[_Client] = None
+        self._limits: Optional[Limits] = None
         if not isinstance(address, str):
             raise TypeError(f"address: must be a str, not {type(address).__name__}")
         options, out, error, keep = ffi.new("struct umb_client_options *"), ffi.new("struct umb_client **"), \
@@ -221,6 +234,13 @@ class Daemon:
         """Makes a call and waits for its end."""
         client = self.client()
         _Call().start(client, function, *arguments).wait(client)
+
+    def limits(self) -> Limits:
+        """What the daemon takes in one call; it is asked once."""
+        if self._limits is None:
+            client = self.client()
+            self._limits = aside(lambda: read_limits(client))
+        return self._limits
 
     def assets(self) -> list[Listed]:
         """The daemon's assets in the order of their names."""
@@ -343,13 +363,23 @@ class Daemon:
         """Cancels a job that is not over."""
         self._ask(rpc.umb_client_cancel_job, lib.path_bytes(job, "job"), ffi.NULL)
 
-    def fetch(self, asset_id: str, path: Any, progress: Optional[Callable[[int, int], Any]] = None) -> None:
-        """Writes an asset's packed file to a path, whole or not at all."""
+    def fetch(self, asset_id: str, path: Any, progress: Optional[Callable[[int, int], Any]] = None,
+              max_bytes: int = FETCH_MAX) -> None:
+        """
+        Writes an asset's packed file to a path, whole or not at all.
+
+        max_bytes  length of the file at most
+
+        Raises FormatError if the bytes are not those of the id, and LimitError.
+        """
         folder, name = os.path.split(os.path.abspath(lib.path_text(path)))
         part = os.path.join(folder, f".{name}.{os.getpid()}.{threading.get_ident()}.part")
         wanted, client, call = lib.asset_id(asset_id, "asset_id"), self.client(), _Call()
+        most = count(max_bytes, "max_bytes", 2**63 - 1)
         with open(part, "wb") as file:
             def got(_user: Any, offset: int, data: Any, number_: int, size: int) -> int:
+                if size > most or offset + number_ > size:
+                    raise LimitError(f"asset: the server announces {size} bytes, max_bytes is {most}", "E_TOO_LARGE")
                 file.seek(offset)
                 file.write(ffi.buffer(data, number_))
                 if progress is not None:
@@ -361,6 +391,7 @@ class Daemon:
             try:
                 call.start(client, rpc.umb_client_fetch, wanted, 0, callback, ffi.NULL).wait(client)
                 file.flush()
+                aside(lambda: _prove(part, wanted))
                 os.fsync(file.fileno())
                 os.replace(part, os.path.join(folder, name))
             except BaseException:
@@ -416,9 +447,33 @@ class DaemonAsset(Asset):
 
     def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
                 stats: bool, threads: int) -> Optional[Result]:
-        request, client, call = ffi.new("struct umb_client_query_request *"), self._client(), _Call()
+        client, name, flat = self._client(), self._name, values.reshape(-1)
+        most, told = self._daemon.limits().points_a_call(batch), []
+        per_byte = 8 if settings[5] == "bit" else 1
+        if batch.count > most:
+            _check_whole(core.umb_points_check, batch)
+        for first, number_ in calls(batch.count, most, per_byte > 1):
+            piece = flat[first // per_byte:(first + number_ + per_byte - 1) // per_byte]
+            reply = self._answer_call(client, name, settings, dial, slice_of(batch, first, number_), (batch, keep), piece,
+                                      stats or dial is not NO_DIAL)
+            told.append(reply)
+            # The other calls ask the same content with the same settings, whatever is published meanwhile.
+            name = _id_name(reply.asset_id)
+            if dial is not NO_DIAL and reply.taps:
+                settings, dial = Settings(*settings)._replace(taps=reply.taps, level=reply.level), NO_DIAL
+        if not stats:
+            return None
+        return whole_result(values, shape, bound_m=told[0].bound_m, stats=stats_sum(stats_of(one.stats) for one in told),
+                            taps=told[0].taps, level=told[0].level, nanoseconds=sum(one.nanoseconds for one in told),
+                            asset_id=lib.id_text(told[0].asset_id))
+
+    @staticmethod
+    def _answer_call(client: _Client, name: Any, settings: Any, dial: Dial, points: Any, keep: Any, values: Any,
+                     stats: bool) -> Any:
+        """Answers of one call into `values`; the struct umb_client_query_reply. `keep` is the memory of the points."""
+        request, call = ffi.new("struct umb_client_query_request *"), _Call(name, points, keep)
         wanted, c_dial_ = c_settings(Settings(*settings)), c_dial(dial)
-        request.asset, request.settings, request.dial, request.points = self._name, wanted[0], c_dial_[0], batch[0]
+        request.asset, request.settings, request.dial, request.points = name, wanted[0], c_dial_[0], points[0]
         request.want_stats = 1 if stats else 0
         target, told = ffi.from_buffer(values) if values.size else ffi.new("char[1]"), []
 
@@ -434,41 +489,78 @@ class DaemonAsset(Asset):
         call.begin(client, lambda error: rpc.umb_client_query_start(
             client.pointer, request, callback, ffi.NULL, ffi.addressof(call.handle, "call"), error))
         call.wait(client)
-        reply = told[0]
-        if not stats:
-            return None
-        return whole_result(values, shape, bound_m=reply.bound_m, stats=stats_of(reply.stats),
-                            taps=reply.taps, level=reply.level, nanoseconds=reply.nanoseconds,
-                            asset_id=lib.id_text(reply.asset_id))
+        return told[0]
 
-    def _ask(self, function: Any, light: int, batch: Any, keep: Any, answers: Any, *more: Any) -> None:
-        """Makes a volume query; `keep` is the memory that the answers point to."""
-        wanted, client = ffi.new("struct umb_volume_query *"), self._client()
-        wanted.asset, wanted.light = self._name, light
-        _Call(keep).start(client, function, wanted, batch, *more, answers, ffi.NULL).wait(client)
+    def _volume_calls(self, light: int, number_: int, most: int, ask: Callable[[_Call, _Client, Any, int, int, Any], Any],
+                      *keep: Any) -> None:
+        """
+        Makes a volume query of `number_` records in calls of `most`: ask(call, client, wanted, first, records, reply)
+        begins one. `keep` is the memory of records and answers.
+        """
+        client, name = self._client(), self._name
+        for first, records in calls(number_, most):
+            wanted, reply = ffi.new("struct umb_volume_query *"), ffi.new("struct umb_volume_query_reply *")
+            wanted.asset, wanted.light = name, light
+            call = _Call(keep, name, wanted, reply)
+            ask(call, client, wanted, first, records, reply)
+            call.wait(client)
+            name = _id_name(reply.asset_id)
 
     def _segments(self, light: int, ends: Any, number: int, origin: Any, lit: Any, most: int, parts: Any) -> None:
-        batch, answers = ffi.new("struct umb_segments *"), ffi.new("struct umb_segment_answers *")
-        data, intervals = ffi.from_buffer(ends), ffi.from_buffer(parts)
-        batch.ends, batch.count = data, number
-        batch.format = core.UMB_POINT_F64 if ends.dtype == DOUBLE else core.UMB_POINT_F32
+        data, intervals, whole = ffi.from_buffer(ends), ffi.from_buffer(parts), ffi.new("struct umb_segments *")
+        whole.ends, whole.count = data, number
+        whole.format = core.UMB_POINT_F64 if ends.dtype == DOUBLE else core.UMB_POINT_F32
         if origin is not None:
-            batch.origin = triple(origin, "origin")
-        answers.segments = lit
-        if most:
-            answers.intervals, answers.interval_max = ffi.cast("struct umb_interval *", intervals), most
-        self._ask(rpc.umb_client_segments, light, batch, (lit, intervals), answers)
+            whole.origin = triple(origin, "origin")
+        a_call = self._daemon.limits().segments_a_call(whole.format, most)
+        if number > a_call:
+            _check_whole(core.umb_segments_check, whole)
+
+        def ask(call: _Call, client: _Client, wanted: Any, first: int, records: int, reply: Any) -> None:
+            batch, answers = ffi.new("struct umb_segments *", whole[0]), ffi.new("struct umb_segment_answers *")
+            batch.ends, batch.count = ffi.cast("char *", data) + first * 6 * ends.itemsize, records
+            answers.segments = lit + first
+            if most:
+                answers.intervals = ffi.cast("struct umb_interval *", intervals) + first * most
+                answers.interval_max = most
+            call.start(client, rpc.umb_client_segments, wanted, batch, answers, reply)
+
+        self._volume_calls(light, number, a_call, ask, data, intervals, lit)
 
     def _columns(self, light: int, batch: Any, number: int, found: Any) -> None:
-        answers = ffi.new("struct umb_column_answers *")
-        answers.columns = found
-        self._ask(rpc.umb_client_columns, light, batch, found, answers)
+        def ask(call: _Call, client: _Client, wanted: Any, first: int, records: int, reply: Any) -> None:
+            answers = ffi.new("struct umb_column_answers *")
+            answers.columns = found + first
+            call.start(client, rpc.umb_client_columns, wanted, slice_of(batch, first, records), answers, reply)
+
+        a_call = self._daemon.limits().columns_a_call(batch)
+        if number > a_call:
+            _check_whole(core.umb_points_check, batch)
+        self._volume_calls(light, number, a_call, ask, batch, found)
 
     def _boxes(self, light: int, boxes: Any, found: Any) -> None:
-        answers = ffi.new("struct umb_box_answers *")
         data = ffi.from_buffer("struct umb_box[]", boxes) if len(boxes) else ffi.new("struct umb_box[]", 1)
-        answers.boxes = found
-        self._ask(rpc.umb_client_boxes, light, data, found, answers, len(boxes))
+
+        def ask(call: _Call, client: _Client, wanted: Any, first: int, records: int, reply: Any) -> None:
+            answers = ffi.new("struct umb_box_answers *")
+            answers.boxes = found + first
+            call.start(client, rpc.umb_client_boxes, wanted, data + first, records, answers, reply)
+
+        a_call = self._daemon.limits().boxes_a_call()
+        if len(boxes) > a_call:
+            _check_whole(core.umb_boxes_check, data, len(boxes))
+        self._volume_calls(light, len(boxes), a_call, ask, data, found)
+
+
+def _check_whole(function: Any, *batch: Any) -> None:
+    """Checks a batch that is cut into calls: the server would number a bad record within its call."""
+    error = lib.new_error()
+    check(function(*batch, error), error)
+
+
+def _id_name(asset_id: Any) -> Any:
+    """An id as the name of an asset for C."""
+    return ffi.new("char[]", lib.id_text(asset_id).encode())
 
 
 def open_daemon_asset(address: str, **options: Any) -> Union[DaemonAsset, RangeAsset]:

@@ -15,10 +15,15 @@
 #include "bake/depth/tile.h"
 #include "base/try.h"
 #include "scene/parts.h"
+#include "tool/threads.h"
+
+/* Triangles of a mesh from which on several threads flatten it. */
+#define PARALLEL_FROM ((size_t)1 << 16)
 
 void umbb_analysis_finish(struct umbb_analysis *analysis)
 {
     free(analysis->corners);
+    free(analysis->copy);
     free(analysis->kinds);
     free(analysis->dropped);
     free(analysis->frusta);
@@ -35,7 +40,10 @@ static void compact(struct umbb_analysis *analysis)
     size_t to = 0;
     for (size_t i = 0; i < analysis->flat_count; i++) {
         if (!analysis->dropped[i]) {
-            memmove(analysis->corners[to++], analysis->corners[i], sizeof analysis->corners[i]);
+            if (to != i) {
+                memmove(analysis->corners[to], analysis->corners[i], sizeof analysis->corners[i]);
+            }
+            to++;
         }
     }
     if (analysis->translucent_count > 0) {
@@ -195,9 +203,10 @@ static void measure(struct umbb_analysis *analysis)
     }
     for (size_t i = 0; i < analysis->count + analysis->translucent_count; i++) {
         for (int k = 0; k < 9; k++) {
-            const double value = analysis->corners[i][k / 3][k % 3];
-            box->min[k % 3] = fmin(box->min[k % 3], value);
-            box->max[k % 3] = fmax(box->max[k % 3], value);
+            const double value = analysis->corners[i][k / 3][k % 3]; /* finite */
+            double *min = &box->min[k % 3], *max = &box->max[k % 3];
+            *min = value < *min ? value : *min;
+            *max = value > *max ? value : *max;
         }
     }
     for (int axis = 0; axis < 3; axis++) {
@@ -207,10 +216,56 @@ static void measure(struct umbb_analysis *analysis)
     }
 }
 
+/* Triangles of one instance that are being flattened. */
+struct flattening {
+    const struct umbs_scene_view *view;
+    const struct umbs_instance *instance;
+    double (*corners)[3][3];
+};
+
+static enum umb_status flatten_block(void *user, size_t first, size_t count,
+                                     struct umb_error *error)
+{
+    const struct flattening *f = user;
+    (void)error;
+    umbs_scene_flatten_part(f->view, f->instance, (uint32_t)first, (uint32_t)count,
+                            f->corners + first);
+    return UMB_OK;
+}
+
+/* Flattens the scene as umbs_scene_flatten does; threads share the triangles of large meshes. */
+static enum umb_status flatten_all(const struct umbs_scene_view *view, unsigned threads,
+                                   double (**corners)[3][3], size_t *count, struct umb_error *error)
+{
+    const size_t total = (size_t)view->world_triangle_count; /* at most 2^32: the product fits */
+    enum umb_status status = UMB_OK;
+    size_t at = 0;
+    *count = total;
+    *corners = malloc((total + 1) * sizeof **corners);
+    if (*corners == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for %zu world triangles", total);
+    }
+    for (uint32_t i = 0; i < view->instance_count && status == UMB_OK; i++) {
+        const size_t triangles = view->meshes[view->instances[i].mesh].triangle_count;
+        struct flattening f = {view, &view->instances[i], *corners + at};
+        status =
+            threads > 1 && triangles > PARALLEL_FROM
+                ? umbu_range_run(threads, triangles, PARALLEL_FROM / 8, flatten_block, &f, error)
+                : flatten_block(&f, 0, triangles, error);
+        at += triangles;
+    }
+    if (status != UMB_OK) {
+        free(*corners);
+        *corners = NULL;
+    }
+    return status;
+}
+
 static enum umb_status flatten(struct umbb_analysis *analysis, const struct umbs_scene_view *view,
                                struct umb_error *error)
 {
-    UMB__TRY(umbs_scene_flatten(view, &analysis->corners, NULL, &analysis->flat_count, error));
+    UMB__TRY(
+        flatten_all(view, analysis->threads, &analysis->corners, &analysis->flat_count, error));
     if (analysis->flat_count == 0) {
         return umb_fail(error, UMB_E_BAD_SCENE, "scene: no triangles");
     }
@@ -300,6 +355,9 @@ enum umb_status umbb_analysis_run(const struct umbs_scene_view *view,
 {
     memset(analysis, 0, sizeof *analysis);
     UMB__TRY(check_memory(view, options->memory_bytes, error));
+    analysis->threads = options->threads;
+    analysis->keeps_corners = view->world_triangle_count <=
+                              options->memory_bytes / UMBB_COPIES_SHARE / sizeof *analysis->corners;
     const enum umb_status status = analyse(analysis, view, options, error);
     if (status != UMB_OK) {
         umbb_analysis_finish(analysis);
@@ -315,7 +373,7 @@ enum umb_status umbb_analysis_need_corners(struct umbb_analysis *analysis,
     if (analysis->corners != NULL) {
         return UMB_OK;
     }
-    UMB__TRY(umbs_scene_flatten(view, &analysis->corners, NULL, &count, error));
+    UMB__TRY(flatten_all(view, analysis->threads, &analysis->corners, &count, error));
     if (count != analysis->flat_count) {
         free(analysis->corners);
         analysis->corners = NULL;

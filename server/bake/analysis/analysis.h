@@ -8,15 +8,18 @@
  *     umbb_analysis_need_corners(&analysis, &scene->view, &error);   before reading corners
  *     umbb_analysis_finish(&analysis);
  *
- * The world corners exist once, because two copies would double the memory of a bake. So other
- * objects move them out of the analysis (voxel_casters.h, umbb_analysis_take_turned). The next
- * reader has the scene flattened again.
+ * If memory is short, the world corners exist once, because two copies would double the memory of a
+ * bake. Other objects then move them out of the analysis (voxel_casters.h,
+ * umbb_analysis_take_turned), and the next reader has the scene flattened again.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include "bake/analysis/light_choice.h"
 #include "bake/analysis/perspective_frame.h"
 #include "scene/scene_alpha.h"
+
+/* Share of --memory that copies of the corners may take. */
+#define UMBB_COPIES_SHARE 16U
 
 /* Bytes a triangle takes at the peak (search for parts; or ray tracing for verification). */
 #define UMBB_TRIANGLE_BYTES 280U
@@ -47,6 +50,11 @@ struct umbb_sharp_price {
 struct umbb_analysis {
     /* [count + translucent_count] World corners, the opaque casters' first; NULL after a move. */
     double (*corners)[3][3];
+    /* 1: the corners stay in the analysis, and casters in voxel space are copies, in `copy` between
+     * two frusta. 0: memory is short, and the corners are moved. */
+    int keeps_corners;
+    double (*copy)[3][3];    /* [count + translucent_count] working memory; NULL: none, or in use */
+    unsigned threads;        /* threads that may pass over the triangles */
     uint8_t *kinds;          /* [count] enum umbb_caster */
     uint8_t *dropped;        /* [flat_count] enum umbb_dropped of each flattened triangle */
     size_t count;            /* opaque triangles that can cast */

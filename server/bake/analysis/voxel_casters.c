@@ -8,6 +8,7 @@
 #include "bake/analysis/frusta.h"
 #include "bake/analysis/light_frame.h"
 #include "base/try.h"
+#include "tool/threads.h"
 
 uint64_t umbb_cut_bytes(const struct umbb_analysis *analysis)
 {
@@ -42,8 +43,39 @@ static enum umb_status make_planes(const struct umbb_analysis *analysis,
     return UMB_OK;
 }
 
-/* Takes the casters from world space to the frustum's voxel space. Corners of parallel light, which
- * `voxels` owns, are transformed in place; other casters are projected into new memory. */
+/* Corners that are being transformed. */
+struct placing {
+    const struct umb_frustum_info *frustum;
+    const double *origin;
+    const double (*from)[3][3];
+    double (*to)[3][3];
+};
+
+static enum umb_status place_block(void *user, size_t first, size_t count, struct umb_error *error)
+{
+    const struct placing *placing = user;
+    (void)error;
+    if (placing->from != (const double(*)[3][3])placing->to) {
+        memcpy(placing->to + first, placing->from + first, count * sizeof *placing->to);
+    }
+    umbb_light_frame_apply(placing->frustum, placing->origin, placing->to + first, count);
+    return UMB_OK;
+}
+
+/* Transforms the corners of parallel light. */
+static enum umb_status place_corners(const struct umbb_analysis *analysis,
+                                     const struct umb_frustum_info *frustum,
+                                     struct umbb_voxel_casters *voxels, struct umb_error *error)
+{
+    struct umbb_casters *casters = &voxels->casters;
+    struct placing placing = {frustum, analysis->origin, casters->corners, voxels->corners};
+    casters->corners = (const double(*)[3][3])voxels->corners;
+    return umbu_range_run(analysis->threads > 0 ? analysis->threads : 1, casters->count, 1 << 10,
+                          place_block, &placing, error);
+}
+
+/* Takes the casters from world space to the frustum's voxel space. Corners of parallel light are
+ * written to the memory that `voxels` has for them; other casters are projected into new memory. */
 static enum umb_status transform(const struct umbb_analysis *analysis,
                                  const struct umb_frustum_info *frustum, size_t max_bytes,
                                  struct umbb_voxel_casters *voxels, struct umb_error *error)
@@ -52,8 +84,7 @@ static enum umb_status transform(const struct umbb_analysis *analysis,
     struct umbb_projected *projected = &voxels->projected;
     UMB__TRY(make_planes(analysis, frustum, voxels, error));
     if (voxels->corners != NULL) {
-        umbb_light_frame_apply(frustum, analysis->origin, voxels->corners, casters->count);
-        return UMB_OK;
+        return place_corners(analysis, frustum, voxels, error);
     }
     const double *position = analysis->choice.lights[frustum->light].position;
     const struct umbb_eye_view view = {.frustum = frustum,
@@ -75,6 +106,26 @@ static int is_parallel(const struct umbb_analysis *analysis, const struct umb_fr
     return analysis->choice.lights[frustum->light].kind == UMB_LIGHT_DIRECTIONAL;
 }
 
+/* Gives parallel light memory for its corners: the analysis's own, or a copy's. */
+static enum umb_status take_corners(struct umbb_analysis *analysis,
+                                    struct umbb_voxel_casters *voxels, struct umb_error *error)
+{
+    if (!analysis->keeps_corners) {
+        voxels->corners = analysis->corners;
+        analysis->corners = NULL;
+        return UMB_OK;
+    }
+    voxels->lender = analysis;
+    voxels->corners = analysis->copy != NULL
+                          ? analysis->copy
+                          : malloc((analysis->count + 1) * sizeof *analysis->copy);
+    analysis->copy = NULL;
+    return voxels->corners != NULL
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "bake: memory for %zu triangles refused",
+                          analysis->count);
+}
+
 enum umb_status umbb_voxel_casters_make(struct umbb_analysis *analysis,
                                         const struct umbs_scene_view *view, uint32_t number,
                                         size_t max_bytes, struct umbb_voxel_casters *voxels,
@@ -93,8 +144,7 @@ enum umb_status umbb_voxel_casters_make(struct umbb_analysis *analysis,
         .open_on_word = analysis->open_on_word > 0,
     };
     if (is_parallel(analysis, frustum)) {
-        voxels->corners = analysis->corners;
-        analysis->corners = NULL;
+        UMB__TRY(take_corners(analysis, voxels, error));
     }
     return transform(analysis, frustum, max_bytes, voxels, error);
 }
@@ -130,7 +180,11 @@ enum umb_status umbb_voxel_casters_translucent(const struct umbb_analysis *analy
 
 void umbb_voxel_casters_finish(struct umbb_voxel_casters *voxels)
 {
-    free(voxels->corners);
+    if (voxels->lender != NULL) {
+        voxels->lender->copy = voxels->corners;
+    } else {
+        free(voxels->corners);
+    }
     free(voxels->planes);
     free(voxels->open);
     umbb_projected_finish(&voxels->projected);

@@ -8,9 +8,9 @@
  *                       depth paths read voxels.casters
  *                       umbb_voxel_casters_finish(&voxels);
  *
- * Parallel light moves the analysis's world corners into the object and transforms them in place:
- * two copies would double the memory of a bake. The analysis then has no corners until the next
- * umbb_analysis_need_corners. Spot and point lights get projected copies of what they see.
+ * Parallel light transforms a copy of the analysis's world corners. If memory is short, it moves
+ * them into the object and transforms them in place; the analysis then has no corners until the
+ * next umbb_analysis_need_corners. Spot and point lights get projected copies of what they see.
  */
 #include "bake/analysis/analysis.h"
 #include "bake/depth/cut_out.h"
@@ -21,6 +21,7 @@ struct umbb_voxel_casters {
     struct umbb_cuts cuts;
     struct umbb_cut_plane *planes; /* [cuts.table->count] edge functions in this frustum, or NULL */
     double (*corners)[3][3];       /* parallel light */
+    struct umbb_analysis *lender;  /* owner of these corners; NULL: the object itself */
     struct umbb_projected projected; /* spot and point lights */
     uint8_t *open;                   /* kinds of translucent casters: all open */
 };

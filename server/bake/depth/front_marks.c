@@ -244,8 +244,9 @@ static void mark_edge(struct finder *f, size_t triangle, size_t edge, size_t at)
     }
 }
 
-/* Marks the borders of the front faces of a slice. Chance decides which of several equal edges
- * waits, so all of these become borders, and the marks do not depend on chance. */
+/* Marks the borders of the front faces of a slice of triangles: edges without a partner. If several
+ * edges are equal, the order of threads decides which of them found a partner. So all equal edges
+ * become borders, and the marks do not depend on that order. */
 static void border_job(void *user, uint32_t job, unsigned thread)
 {
     (void)thread;

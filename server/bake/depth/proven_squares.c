@@ -310,7 +310,8 @@ static void decide(struct squares *s, size_t square)
         s->front_most[square] = background;
         proven = 1;
     } else {
-        /* Bound of every lit: that of a front face over the whole square, or of all front faces. */
+        /* Upper bound of `lit` in all texels of the square: from the nearest front face that covers
+         * the whole square, or else from all front faces together. */
         const int whole = flags == (TOUCHED | MIDDLE);
         const struct umbb_proof *proof = &s->proofs[square];
         s->front_most[square] = whole ? least(s->front_most[square], proof->cover) : proof->cover;

@@ -473,29 +473,77 @@ static enum umb_status add_all(const struct decoder *d, struct umb__pool *pool, 
     return status;
 }
 
+void umbb_tile_parsed_clear(struct umbb_tile_parsed *parsed)
+{
+    umb__pool_clear(&parsed->pool);
+    free(parsed->top);
+    free(parsed->occluder_depth);
+    parsed->top = NULL;
+    parsed->occluder_depth = NULL;
+    parsed->runs = NULL;
+    parsed->run_count = 0;
+}
+
+void umbb_tile_parsed_finish(struct umbb_tile_parsed *parsed)
+{
+    free(parsed->top);
+    free(parsed->occluder_depth);
+    umb__pool_finish(&parsed->pool);
+    memset(parsed, 0, sizeof *parsed);
+}
+
+enum umb_status umbb_tile_parse(const struct umbb_tile_shape *shape, const uint8_t *bytes,
+                                size_t size, struct umbb_tile_parsed *parsed,
+                                struct umb_error *error)
+{
+    struct decoder d = {.top = shape->tile_log2};
+    umbb_tile_parsed_clear(parsed);
+    UMB__TRY(check_all(&d, shape, bytes, size, &parsed->result, error));
+    if (shape->occluder_depth != NULL) {
+        UMB__TRY(
+            read_squares(shape, bytes + d.bytes, size - d.bytes, &parsed->occluder_depth, error));
+    }
+    parsed->runs = d.runs;
+    parsed->run_count = d.run_count;
+    return add_all(&d, &parsed->pool, &parsed->top, error);
+}
+
+enum umb_status umbb_tile_join(const struct umbb_tile_shape *shape,
+                               const struct umbb_tile_parsed *parsed,
+                               const struct umbb_tile_nodes *nodes,
+                               struct umb__pool_numbers *numbers, struct umbb_tile_result *result,
+                               struct umb_error *error)
+{
+    struct umbb_runs *runs = nodes->runs;
+    *result = parsed->result;
+    UMB__TRY(umb__pool_merge(nodes->pool, &parsed->pool, shape->tile_log2, numbers, error));
+    if (parsed->occluder_depth != NULL) {
+        UMB__TRY(add_squares(shape, parsed->occluder_depth, error));
+    }
+    result->column.run_first = runs->count;
+    for (uint32_t i = 0; i < parsed->run_count; i++) {
+        const uint8_t *run = parsed->runs + 8 * (size_t)i;
+        const uint32_t ref = umb__load32(run + 4);
+        const uint32_t number =
+            umb__ref_state(ref) == UMB__NODE_MIXED ? numbers->refs[parsed->top[ref]] : ref;
+        UMB__TRY(umbb_runs_push(runs, result->column.run_first, umb__load32(run), number, error));
+    }
+    result->column.run_count = runs->count - result->column.run_first;
+    return UMB_OK;
+}
+
 enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape, const uint8_t *bytes,
                                  size_t size, const struct umbb_tile_nodes *nodes,
                                  struct umbb_tile_result *result, struct umb_error *error)
 {
-    struct umbb_runs *runs = nodes->runs;
-    struct decoder d = {.top = shape->tile_log2};
-    UMB__TRY(check_all(&d, shape, bytes, size, result, error));
-    uint32_t *occluder_depth = NULL, *top;
-    if (shape->occluder_depth != NULL) {
-        UMB__TRY(read_squares(shape, bytes + d.bytes, size - d.bytes, &occluder_depth, error));
+    struct umbb_tile_parsed parsed = {.run_count = 0};
+    struct umb__pool_numbers numbers = {0};
+    umb__pool_init_loose(&parsed.pool, NULL, SIZE_MAX);
+    enum umb_status status = umbb_tile_parse(shape, bytes, size, &parsed, error);
+    if (status == UMB_OK) {
+        status = umbb_tile_join(shape, &parsed, nodes, &numbers, result, error);
     }
-    enum umb_status status = add_all(&d, nodes->pool, &top, error);
-    if (status == UMB_OK && occluder_depth != NULL) {
-        status = add_squares(shape, occluder_depth, error);
-    }
-    free(occluder_depth);
-    result->column.run_first = runs->count;
-    for (uint32_t i = 0; i < d.run_count && status == UMB_OK; i++) {
-        const uint32_t ref = umb__load32(d.runs + 8 * (size_t)i + 4);
-        status = umbb_runs_push(runs, result->column.run_first, umb__load32(d.runs + 8 * (size_t)i),
-                                umb__ref_state(ref) == UMB__NODE_MIXED ? top[ref] : ref, error);
-    }
-    result->column.run_count = runs->count - result->column.run_first;
-    free(top);
+    umbb_tile_parsed_finish(&parsed);
+    umb__pool_numbers_finish(&numbers);
     return status;
 }

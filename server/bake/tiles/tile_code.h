@@ -41,6 +41,18 @@ struct umbb_tile_shape {
     uint32_t occluder_depth_x, occluder_depth_y; /* the tile's first square there */
 };
 
+/* Returns the place of tile `number` of a frustum. */
+static inline struct umbb_tile_place umbb_tile_place_of(const struct umbb_tile_shape *shape,
+                                                        uint32_t number)
+{
+    const uint32_t across_log2 = shape->log2_size - shape->tile_log2;
+    return (struct umbb_tile_place){
+        .x0 = (int32_t)((number & ((1U << across_log2) - 1U)) << shape->tile_log2),
+        .y0 = (int32_t)(number >> across_log2 << shape->tile_log2),
+        .number = number,
+    };
+}
+
 /*
  * Writes a result.
  *
@@ -54,17 +66,50 @@ UMB_CHECKED enum umb_status umbb_tile_encode(const struct umbb_tile_shape *shape
                                              const struct umbb_tile_result *result, uint8_t **bytes,
                                              size_t *size, struct umb_error *error);
 
+/* A result that was read and checked. Start zeroed, with a loose pool (umb__pool_init_loose). The
+ * struct can be used again and again. */
+struct umbb_tile_parsed {
+    struct umb__pool pool; /* the result's nodes */
+    struct umbb_tile_result result;
+    uint32_t *top;       /* refs of the nodes of the tile's level in the pool, malloced */
+    const uint8_t *runs; /* the column's runs, in the bytes that were read */
+    uint32_t run_count;
+    uint32_t *occluder_depth; /* words of the part of first occluders, malloced; NULL: none */
+};
+
+/* Frees what a result holds, for the next; finish also frees the pool. */
+void umbb_tile_parsed_clear(struct umbb_tile_parsed *parsed);
+void umbb_tile_parsed_finish(struct umbb_tile_parsed *parsed);
+
 /*
- * Reads a result and adds its nodes to a pool.
+ * Reads a result.
  *
- * In:    bytes: result of umbb_tile_encode, checked in full before the pool is touched. nodes:
- *        max_bytes is not read.
- * Out:   result: its column's runs are appended to nodes->runs.
- * Fails: E_CORRUPT (pool, runs and occluder depth map are unchanged), and the errors of
- *        umb__pool_brick and umb__occluder_depth_add_square.
+ * In:    bytes: result of umbb_tile_encode; borrowed until the result is joined.
+ * Out:   parsed: cleared first.
+ * Fails: E_CORRUPT, E_NO_MEMORY, E_LIMIT (of the loose pool).
  * Trust: safe on hostile bytes.
- * Cost:  linear in the bytes.
+ * Threads: several results may be read at once. Cost: linear in the bytes.
  */
+UMB_CHECKED enum umb_status umbb_tile_parse(const struct umbb_tile_shape *shape,
+                                            const uint8_t *bytes, size_t size,
+                                            struct umbb_tile_parsed *parsed,
+                                            struct umb_error *error);
+
+/*
+ * Adds a result that was read to a pool.
+ *
+ * In:    shape: its occluder depth map gets the tile's first occluders. numbers: working memory.
+ *        nodes: max_bytes is not read.
+ * Out:   result: its column's runs are appended to nodes->runs.
+ * Fails: as umb__pool_merge and umb__occluder_depth_add_square.
+ */
+UMB_CHECKED enum umb_status
+umbb_tile_join(const struct umbb_tile_shape *shape, const struct umbb_tile_parsed *parsed,
+               const struct umbb_tile_nodes *nodes, struct umb__pool_numbers *numbers,
+               struct umbb_tile_result *result, struct umb_error *error);
+
+/* Reads a result and adds it to a pool: does both of the above. Fails: E_CORRUPT (pool, runs and
+ * occluder depth map are unchanged), and as both. */
 UMB_CHECKED enum umb_status umbb_tile_decode(const struct umbb_tile_shape *shape,
                                              const uint8_t *bytes, size_t size,
                                              const struct umbb_tile_nodes *nodes,

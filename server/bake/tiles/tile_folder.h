@@ -10,6 +10,8 @@
  *     umbb_tile_folder_close(&tile_folder);
  */
 #include "bake/depth/depth.h"
+#include "bake/tiles/proofs.h"
+#include "bake/tiles/tile_ahead.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
@@ -33,19 +35,27 @@ struct umbb_tile_folder {
         uint8_t key[UMB_ID_BYTES];
     } missed[2]; /* tiles that were not found and are being baked */
     unsigned next_missed;
+    struct umbb_tile_ahead *ahead;     /* reads results of the next tiles */
+    struct umb__pool_numbers numbers;  /* working memory */
+    struct umbb_proofs *proofs;        /* where tiles are noted; its frusta are NULL: nowhere */
+    struct umbb_frustum_proofs *proof; /* Proofs of the frustum; NULL: none */
 };
 
-/* Opens the folder. Fails: as umbb_tile_cache_open. */
+/* Opens the folder. In: threads: that read results, with the owner. Fails: as
+ * umbb_tile_cache_open. */
 UMB_CHECKED enum umb_status umbb_tile_folder_open(struct umbb_tile_folder *tile_folder,
                                                   enum umbb_tile_folder_mode mode,
                                                   const char *folder, uint64_t max_bytes,
-                                                  struct umb_error *error);
+                                                  unsigned threads, struct umb_error *error);
 void umbb_tile_folder_close(struct umbb_tile_folder *tile_folder);
 
 /* Starts the next frustum. depth: a depth path with lists; depth and the shape's occluder depth map
- * are borrowed until the next call. */
+ * are borrowed until the frustum's end. */
 void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t frustum,
                               const struct umbb_tile_shape *shape, const struct umbb_depth *depth);
+
+/* Ends the frustum, after any result: its depth path may be destroyed afterwards. */
+void umbb_tile_folder_frustum_end(struct umbb_tile_folder *tile_folder);
 
 /*
  * Returns the functions of the cache. find fails with E_BUSY in mode merge if a result is missing

@@ -3,7 +3,7 @@
 #include "bake/tiles/tile_folder.h"
 
 #include "bake/analysis/plan.h"
-#include "bake/depth/cut_out.h"
+#include "bake/tiles/caster_bytes.h"
 #include "base/bytes.h"
 #include "common/sha256.h"
 #include "umbrage/version.h"
@@ -22,38 +22,6 @@ static void add_double(struct umbs_chain *chain, double value)
     uint8_t bytes[8];
     umb__store_f64(bytes, value);
     umbs_chain_add(chain, bytes, sizeof bytes);
-}
-
-static void add_caster(struct umbs_chain *chain, const struct umbb_casters *casters, size_t number)
-{
-    uint8_t bytes[9 * 8 + 2];
-    for (size_t i = 0; i < 9; i++) {
-        umb__store_f64(bytes + 8 * i, casters->corners[number][i / 3][i % 3]);
-    }
-    bytes[72] = umbb_caster_kind(casters, number);
-    bytes[73] = casters->marks != NULL ? casters->marks[number] : 0;
-    umbs_chain_add(chain, bytes, sizeof bytes);
-}
-
-/* Adds everything that decides which texels a cut-out caster keeps. */
-static void add_cut(struct umbs_chain *chain, const struct umbb_cuts *cuts, uint32_t number)
-{
-    const struct umbs_cut *cut = &cuts->table->cuts[number];
-    const struct umbb_cut_plane *plane = &cuts->planes[number];
-    const struct umbs_material *material = &cuts->table->materials[cut->material];
-    uint8_t bytes[19 * 8];
-    umb__store_f64(bytes, plane->anchor[0]);
-    umb__store_f64(bytes + 8, plane->anchor[1]);
-    for (size_t i = 0; i < 9; i++) {
-        umb__store_f64(bytes + 8 * (2 + i), plane->edge[i / 3][i % 3]);
-    }
-    for (size_t i = 0; i < 6; i++) {
-        umb__store_f64(bytes + 8 * (11 + i), (double)cut->uv[i / 2][i % 2]);
-    }
-    umb__store_f64(bytes + 8 * 17, (double)material->alpha_cutoff);
-    umb__store_f64(bytes + 8 * 18, (double)material->base_alpha);
-    umbs_chain_add(chain, bytes, sizeof bytes);
-    umbs_chain_add(chain, cuts->table->digests[material->texture], UMB_ID_BYTES);
 }
 
 void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape *shape,
@@ -77,11 +45,8 @@ void umbb_tile_key(const struct umbb_depth *depth, const struct umbb_tile_shape 
     add_double(&chain, casters->depth_scale);
     add_double(&chain, casters->depth_offset);
     for (size_t i = 0; i < count; i++) {
-        const uint32_t cut = umbb_cut_of(casters->cuts, list[i]);
-        add_caster(&chain, casters, list[i]);
-        if (cut != UMBS_CUT_NONE) {
-            add_cut(&chain, casters->cuts, cut);
-        }
+        uint8_t bytes[UMBB_CASTER_BYTES_MAX];
+        umbs_chain_add(&chain, bytes, umbb_caster_bytes(casters, list[i], bytes));
     }
     umbs_chain_end(&chain, key);
 }

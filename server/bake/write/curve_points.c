@@ -10,6 +10,7 @@
 #include "bake/base/interrupt.h"
 #include "base/try.h"
 #include "base/vec.h"
+#include "tool/threads.h"
 
 /* Number of points. About half of the points face away from a light and do not count. The other
  * 2000 give the mean of an event of 1 % probability to a fifth of this mean. */
@@ -92,8 +93,9 @@ static void face_light(const struct umb_light_info *light, struct drawn *drawn)
     }
 }
 
-static enum umb_status measure(const struct umb__octree *octree, struct drawn *drawn,
-                               struct umb__content *content, struct umb_error *error)
+static enum umb_status measure_lights(const struct umb__octree *octree, struct drawn *drawn,
+                                      const struct umb_workers *workers,
+                                      struct umb__content *content, struct umb_error *error)
 {
     for (uint32_t light = 0; light < content->light_count; light++) {
         uint32_t rows;
@@ -102,7 +104,7 @@ static enum umb_status measure(const struct umb__octree *octree, struct drawn *d
                                           .format = UMB_POINT_F64,
                                           .normals = drawn->normals,
                                           .count = drawn->count};
-        UMB__TRY(umb__curve_measure(content, octree, light, &points,
+        UMB__TRY(umb__curve_measure(content, octree, light, &points, workers,
                                     content->curve + content->curve_count, &rows, error));
         content->curve_count += rows;
         if (umbb_interrupted()) {
@@ -112,6 +114,19 @@ static enum umb_status measure(const struct umb__octree *octree, struct drawn *d
     return UMB_OK;
 }
 
+/* Measures the curve with helpers. */
+static enum umb_status measure(const struct umb__octree *octree, struct drawn *drawn,
+                               unsigned threads, struct umb__content *content,
+                               struct umb_error *error)
+{
+    struct umbu_threads *pool;
+    UMB__TRY(umbu_threads_create(threads, &pool, error));
+    const struct umb_workers workers = umbu_threads_workers(pool);
+    const enum umb_status status = measure_lights(octree, drawn, &workers, content, error);
+    umbu_threads_destroy(pool);
+    return status;
+}
+
 static uint32_t points_a_light(uint32_t lights)
 {
     const uint32_t share = POINTS_ALL / lights;
@@ -119,8 +134,8 @@ static uint32_t points_a_light(uint32_t lights)
 }
 
 enum umb_status umbb_curve_add(const struct umbb_analysis *analysis,
-                               const struct umb__octree *octree, struct umb__content *content,
-                               struct umb_error *error)
+                               const struct umb__octree *octree, unsigned threads,
+                               struct umb__content *content, struct umb_error *error)
 {
     const uint32_t wanted = points_a_light(content->light_count);
     struct drawn drawn = {
@@ -135,7 +150,7 @@ enum umb_status umbb_curve_add(const struct umbb_analysis *analysis,
     content->curve_count = 0;
     if (drawn.positions && drawn.outward && drawn.open && drawn.normals && content->curve) {
         draw(analysis, wanted, &drawn);
-        status = measure(octree, &drawn, content, error);
+        status = measure(octree, &drawn, threads, content, error);
     } else {
         status = umb_fail(error, UMB_E_NO_MEMORY, "accuracy curve: memory for %u points refused",
                           wanted);

@@ -12,30 +12,16 @@
  *     umbb_publish_abandon(&publish);                       no effect after commit
  */
 #include "tool/output.h"
-#include "scene/scene_alpha.h"
+#include "bake/write/self_check.h"
 #include "format/content.h"
-#include "rays/verify.h"
 
 struct umbb_publish {
     struct umbu_output file;
     unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
     uint8_t id[UMB_ID_BYTES];
-    uint64_t bytes;                     /* size of the file */
-    struct umb_asset_info info;         /* set by check; its strings are freed */
-    struct umbr_verify_result verified; /* sums, set by check; zero if it was not requested */
-};
-
-/* Reference for the written asset. */
-struct umbb_check {
-    const double (*corners)[3][3]; /* world */
-    const uint8_t *closed;         /* [count] not 0: of a closed part; NULL: no closed rule */
-    const struct umbs_cuts *cuts;  /* `of`: [count] */
-    size_t count;
-    size_t open_on_word; /* parts that --closed on treats as closed and that are open */
-    uint64_t points;     /* points of all lights together; 0 = open and validate only */
-    unsigned threads;
-    int quiet; /* no progress on a terminal */
-    uint64_t max_memory_bytes;
+    uint64_t bytes;              /* size of the file */
+    struct umb_asset_info info;  /* set by check; its strings are freed */
+    struct umbb_checked checked; /* set by check */
 };
 
 /* Starts the temporary. Fails: E_CANNOT_CREATE. */
@@ -52,10 +38,8 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
  * Opens the temporary with full validation, compares its identity, and traces rays.
  *
  * With many lights each gets fewer points, but not fewer than 20000 (or the requested number).
- * Fails: E_INTERNAL if the file differs from what was written, or disagrees with rays outside the
- *        band of one voxel (how many, and where), E_BAD_SCENE if it disagrees with open_on_word
- *        parts; E_LIMIT if opening takes more than max_memory_bytes; other failures of opening and
- *        tracing.
+ * Fails: E_INTERNAL if the file differs from what was written; E_LIMIT if opening takes more than
+ *        max_memory_bytes; the errors of umbb_self_check, and other failures of opening.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
                                                const struct umbb_check *check,

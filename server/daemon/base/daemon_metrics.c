@@ -14,8 +14,13 @@
 #include "wire/grpc.h"
 #include "umbrage/version.h"
 
-static const char *const abuse_names[UMBD_ABUSE_COUNT] = {"control", "headers", "reset_sent",
-                                                          "library", "timeout", "queue"};
+static const char *const abuse_names[UMBD_ABUSE_COUNT] = {
+    "control", "headers", "reset_sent", "library", "timeout", "queue", "request"};
+
+/* Statuses of replies by HTTP/1.1. The last one also stands for any other. */
+static const int http_codes[UMBD_HTTP_CODES] = {200, 204, 206, 304, 400, 401, 403, 404,
+                                                405, 412, 413, 414, 416, 417, 421, 429,
+                                                431, 499, 501, 503, 505, 500};
 
 /* Upper bounds of the buckets in nanoseconds, and as Prometheus writes them
  * (docs/reference/operations.md). */
@@ -57,6 +62,16 @@ void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method
     }
     umbd_count(&counts->handled[code], 1);
     umbd_observe(&counts->handling, duration_ns);
+}
+
+void umbd_metrics_http(struct umbd_metrics *metrics, int status, uint64_t duration_ns)
+{
+    size_t i = 0;
+    while (i + 1 < UMBD_HTTP_CODES && http_codes[i] != status) {
+        i++;
+    }
+    umbd_count(&metrics->http_requests[i], 1);
+    umbd_observe(&metrics->http_handling, duration_ns);
 }
 
 void umbd_metrics_scanned(struct umbd_metrics *metrics, const struct umbs_store_report *report)
@@ -153,6 +168,15 @@ static void write_calls(FILE *out, struct umbd_metrics *metrics)
     each_method(out, metrics, write_handled);
     head(out, "grpc_server_handling_seconds", "histogram", "Time from headers to the last byte.");
     each_method(out, metrics, write_handling);
+    head(out, "umbrage_http_requests_total", "counter", "Requests by HTTP/1.1, by status.");
+    for (size_t i = 0; i < UMBD_HTTP_CODES; i++) {
+        const unsigned long long value = get(&metrics->http_requests[i]);
+        if (value > 0 || http_codes[i] == 200) {
+            fprintf(out, "umbrage_http_requests_total{code=\"%d\"} %llu\n", http_codes[i], value);
+        }
+    }
+    head(out, "umbrage_http_seconds", "histogram", "Time from a head to the reply's last byte.");
+    write_histogram(out, "umbrage_http_seconds", "", &metrics->http_handling);
     head(out, "umbrage_queue_seconds", "histogram", "Time that batches wait for a worker.");
     write_histogram(out, "umbrage_queue_seconds", "", &metrics->queued);
 }

@@ -22,10 +22,12 @@ enum umbd_abuse {
     UMBD_ABUSE_LIBRARY,     /* Connections that nghttp2 ended */
     UMBD_ABUSE_TIMEOUT,     /* Calls and connections that a timer ended */
     UMBD_ABUSE_QUEUE,       /* Answers that a peer caused and did not read */
+    UMBD_ABUSE_REQUEST,     /* Heads of HTTP/1.1 that were refused */
     UMBD_ABUSE_COUNT,
 };
 
 #define UMBD_GRPC_CODES   17
+#define UMBD_HTTP_CODES   22 /* statuses of replies by HTTP/1.1: http_codes */
 #define UMBD_TIME_BUCKETS 15 /* upper bounds from 50 us to 5 s: bounds_ns */
 
 /* Histogram of durations: the number in each bucket, and their sum. */
@@ -57,12 +59,15 @@ struct umbd_method_counts {
       "Connections asked to go, idle or too old.")                                                 \
     X(tls_failures, "umbrage_tls_failures_total", "TLS handshakes and sessions that failed.")      \
     X(unauthorized, "umbrage_unauthorized_total", "Calls refused for their token.")                \
-    X(rate_limited, "umbrage_rate_limited_total", "Calls refused for their rate.")
+    X(rate_limited, "umbrage_rate_limited_total", "Calls refused for their rate.")                 \
+    X(http_bytes, "umbrage_http_bytes_total", "Bytes of bodies sent by HTTP/1.1.")
 
 struct umbd_metrics {
     const struct umbd_method *methods; /* Rows that `calls` counts, in order; NULL: none */
     struct umbd_method_counts calls[UMBD_METHODS_MAX];
     struct umbd_histogram queued; /* From a task's submission to its first slice */
+    atomic_uint_fast64_t http_requests[UMBD_HTTP_CODES];
+    struct umbd_histogram http_handling; /* From the head to the last byte */
 #define UMBD_COUNTER(field, name, help) atomic_uint_fast64_t field;
     UMBD_COUNTERS(UMBD_COUNTER)
 #undef UMBD_COUNTER
@@ -94,6 +99,10 @@ static inline void umbd_count(atomic_uint_fast64_t *counter, uint64_t n)
 void umbd_metrics_started(struct umbd_metrics *metrics, const struct umbd_method *method);
 void umbd_metrics_handled(struct umbd_metrics *metrics, const struct umbd_method *method, int code,
                           uint64_t duration_ns);
+
+/* Counts a request of HTTP/1.1 that ended. status: one that the daemon sends; 499: the client left
+ * before the end. */
+void umbd_metrics_http(struct umbd_metrics *metrics, int status, uint64_t duration_ns);
 
 /* Counts what a scan of the store loaded. */
 void umbd_metrics_scanned(struct umbd_metrics *metrics, const struct umbs_store_report *report);

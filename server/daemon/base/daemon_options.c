@@ -31,6 +31,38 @@ static enum umb_status check_listen(const struct umbu_option *option, const char
     return umbn_address_parse("--listen", text, &address, error);
 }
 
+static enum umb_status check_http(const struct umbu_option *option, const char *text, void *field,
+                                  struct umb_error *error)
+{
+    struct umbn_address address;
+    (void)option;
+    (void)field;
+    return umbn_address_parse("--http", text, &address, error);
+}
+
+/* An origin is compared byte by byte with what browsers send: SCHEME://HOST[:PORT] in small
+ * letters. */
+static enum umb_status check_origin(const struct umbu_option *option, const char *text, void *field,
+                                    struct umb_error *error)
+{
+    static const char scheme[] = "abcdefghijklmnopqrstuvwxyz0123456789+.-";
+    static const char host[] = "abcdefghijklmnopqrstuvwxyz0123456789.-_:[]";
+    const char *colon = strstr(text, "://");
+    const char *rest = colon != NULL ? colon + 3 : "";
+    const size_t length = strspn(rest, host);
+    (void)option;
+    (void)field;
+    if (strcmp(text, "*") == 0 ||
+        (colon != NULL && colon > text && strspn(text, scheme) == (size_t)(colon - text) &&
+         length > 0 && rest[length] == '\0' && strlen(text) < UMBD_ORIGIN_SIZE)) {
+        return UMB_OK;
+    }
+    return umb_fail(error, UMB_E_ARGUMENT,
+                    "--http-origin: '%.100s'; give * or SCHEME://HOST[:PORT] in small letters, "
+                    "without a path",
+                    text);
+}
+
 static const struct umbu_option SERVING[] = {
     {"store", "DIR",
      "folder of packed assets (required); may be repeated, the first that has a name serves it",
@@ -39,6 +71,14 @@ static const struct umbu_option SERVING[] = {
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH; may be repeated; port 0 picks one",
      UMBU_LIST(UMBD_LISTEN_MAX), AT(listen), .read = check_listen,
      .otherwise = "tcp:127.0.0.1:7420"},
+    {"http", "ADDRESS",
+     "address, as of --listen, that serves packed assets over HTTP/1.1; may be repeated",
+     UMBU_LIST(UMBD_LISTEN_MAX), AT(http), .read = check_http, .otherwise = "off"},
+    {"http-origin", "ORIGIN",
+     "origin, as https://HOST, whose web pages may read assets over --http; * = every origin; may "
+     "be repeated",
+     UMBU_LIST(UMBD_LISTEN_MAX), AT(http_origins), .read = check_origin, .otherwise = "none",
+     .needs = "http"},
     {"cache", "DIR",
      "folder of mapped files that only this user can change; if not given, CACHE_DIRECTORY of "
      "systemd, else .umbrage-cache in each store that no other user can change, else memory",
@@ -235,22 +275,48 @@ static enum umb_status check_order(const char *const names[3], uint64_t low, uin
                           names[2], (unsigned long long)high);
 }
 
+/* Checks the addresses of an option. Out: has_tls: set if one of them is for TLS. */
+static enum umb_status check_tls_addresses(const struct umbd_options *options, const char *name,
+                                           const char *const *addresses, bool *has_tls,
+                                           struct umb_error *error)
+{
+    for (size_t i = 0; addresses[i] != NULL; i++) {
+        const bool is_tls = strncmp(addresses[i], "tls:", 4) == 0;
+        *has_tls |= is_tls;
+        if (is_tls && (options->tls_cert == NULL || options->tls_key == NULL)) {
+            return umb_fail(error, UMB_E_ARGUMENT, "%s: '%.100s' needs --tls-cert and --tls-key",
+                            name, addresses[i]);
+        }
+    }
+    return UMB_OK;
+}
+
 static enum umb_status check_tls(const struct umbd_options *options, struct umb_error *error)
 {
     bool has_tls = false;
-    for (size_t i = 0; i < options->listen_count; i++) {
-        const bool is_tls = strncmp(options->listen[i], "tls:", 4) == 0;
-        has_tls |= is_tls;
-        if (is_tls && (options->tls_cert == NULL || options->tls_key == NULL)) {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "--listen: '%.100s' needs --tls-cert and --tls-key",
-                            options->listen[i]);
-        }
-    }
+    UMB__TRY(check_tls_addresses(options, "--listen", options->listen, &has_tls, error));
+    UMB__TRY(check_tls_addresses(options, "--http", options->http, &has_tls, error));
     return options->tls_client_ca == NULL || has_tls
                ? UMB_OK
                : umb_fail(error, UMB_E_ARGUMENT,
                           "--tls-client-ca: no client would be asked; give a --listen tls:...");
+}
+
+/* Counts the addresses, and refuses a list of origins that one of them makes pointless. */
+static enum umb_status check_http_options(struct umbd_options *options, struct umb_error *error)
+{
+    size_t count = 0;
+    bool has_all = false;
+    while (options->http[options->http_count] != NULL) {
+        options->http_count++;
+    }
+    for (; options->http_origins[count] != NULL; count++) {
+        has_all |= strcmp(options->http_origins[count], "*") == 0;
+    }
+    return !has_all || count == 1
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "--http-origin: * stands for every origin; give it alone");
 }
 
 /* Checks combinations of options. */
@@ -271,6 +337,7 @@ static enum umb_status check_whole(struct umbd_options *options, struct umb_erro
         options->listen_count++;
     }
     UMB__TRY(check_tls(options, error));
+    UMB__TRY(check_http_options(options, error));
     if (options->admin != NULL) {
         UMB__TRY(umbd_address_parse_admin(options->admin, &address, error));
     }

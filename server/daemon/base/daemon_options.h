@@ -19,8 +19,9 @@
 #include "umbrage/log.h"
 #include "umbrage/status.h"
 
-#define UMBD_LISTEN_MAX 16
-#define UMBD_LOOPS_MAX  64
+#define UMBD_LISTEN_MAX  16
+#define UMBD_LOOPS_MAX   64
+#define UMBD_ORIGIN_SIZE 256 /* bytes of an origin, NUL included */
 
 struct umbd_option_text; /* opaque */
 
@@ -28,8 +29,11 @@ struct umbd_options {
     const char *stores[UMBS_STORE_FOLDERS_MAX]; /* Folders, NULL after the last */
     const char *listen[UMBD_LISTEN_MAX + 1];    /* Addresses, NULL after the last */
     size_t listen_count;
-    const char *admin;                /* Admin port as HOST:PORT, or NULL */
-    const char *address_file;         /* File, or NULL */
+    const char *http[UMBD_LISTEN_MAX + 1]; /* Addresses of HTTP/1.1, NULL after the last */
+    size_t http_count;
+    const char *http_origins[UMBD_LISTEN_MAX + 1]; /* Origins whose pages may read assets, or "*" */
+    const char *admin;                             /* Admin port as HOST:PORT, or NULL */
+    const char *address_file;                      /* File, or NULL */
     int copy, warm_up;                /* 1: hold assets in memory; read files ahead (store.h) */
     const char *cache;                /* Folder of mapped files; NULL: one in each store */
     uint64_t load_memory;             /* Bytes of an asset while it is loaded, packed and mapped */

@@ -72,6 +72,7 @@ void umbd_call_destroy(struct umbd_call *call)
     if (call->method->close != NULL) {
         call->method->close(call);
     }
+    free(call->web);
     free(call);
 }
 
@@ -148,8 +149,7 @@ int umbd_call_header(struct umbd_call *call, const uint8_t *name, size_t name_si
     return 1;
 }
 
-/* Records that the call passed the check of its rights, so the connection does real work. */
-static void admit(struct umbd_call *call)
+void umbd_call_admit(struct umbd_call *call)
 {
     call->admitted = 1;
     call->conn->working++;
@@ -181,7 +181,7 @@ static void check_headers(struct umbd_call *call)
         (void)umbd_call_take_open(call);
         return;
     } else if (umbd_call_is_allowed(call)) {
-        admit(call);
+        umbd_call_admit(call);
         return;
     }
     umbd_call_refused(call);
@@ -406,8 +406,19 @@ static void tick_open_reply(struct umbd_call *call, uint64_t now_ms)
     }
 }
 
+static void tick_service(struct umbd_call *call)
+{
+    if (call->method->tick != NULL) {
+        call->method->tick(call);
+    }
+}
+
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms)
 {
+    if (call->web != NULL) {
+        tick_service(call); /* the connection's timers suffice */
+        return 1;
+    }
     if (!call->headers_whole) {
         return now_ms - call->started_ms <= UMBD_HEADERS_MS;
     }
@@ -421,8 +432,6 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms)
     } else if (call->responded) {
         tick_open_reply(call, now_ms);
     }
-    if (call->method->tick != NULL) {
-        call->method->tick(call);
-    }
+    tick_service(call);
     return 1;
 }

@@ -9,9 +9,12 @@
  * In a stream of requests (call_queue.c) each message goes to its service on arrival, one at a
  * time, and the end of the request ends the reply.
  *
- * Files, the lowest first: call_state.c, call_reply.c, call_rights.c, optimistic_reads.c,
- * call_queue.c, call.c, call_home.c. The services are above them and are called through the call's
- * method (base/method.h).
+ * A request of HTTP/1.1 is a call too, with a struct umbd_web: rights, rates, budgets and tasks are
+ * the same, and only its head and its replies differ.
+ *
+ * Files, the lowest first: call_state.c, web_reply.c, call_reply.c, call_rights.c,
+ * optimistic_reads.c, call_queue.c, call.c, web_call.c, call_home.c. The services are above them
+ * and are called through the call's method (base/method.h).
  *
  * A failure before the end of the request is answered at once (Trailers-Only). The rest of the
  * upload is then discarded for a second before the stream is reset, because some clients would lose
@@ -21,6 +24,7 @@
 #include "daemon/base/method.h"
 #include "daemon/call/optimistic_reads.h"
 #include "daemon/transport/conn.h"
+#include "daemon/transport/http1_request.h"
 #include "daemon/work/batch.h"
 #include "wire/grpc.h"
 #include "wire/messages.h"
@@ -46,6 +50,7 @@ struct umbj_service;
 /* Objects from which calls are answered; all loops share them. */
 struct umbd_backend {
     const struct umbd_method *methods; /* Table that ends with a row without a path */
+    const struct umbd_method *web;     /* Row for all requests of HTTP/1.1 */
     struct umbs_store *store;
     size_t store_count; /* Number of the operator's folders in the store */
     struct umbd_pool *pool;
@@ -85,6 +90,16 @@ struct umbd_queued {
     size_t size;
 };
 
+/* State of a request of HTTP/1.1. */
+struct umbd_web {
+    const struct umbd_http1_request *request; /* Valid until the service returns; then NULL */
+    int is_head;                              /* 1: the reply has no body */
+    const char *vary;    /* Lines of Vary: fields of the request on which replies depend, or "" */
+    const char *origin;  /* Value of Access-Control-Allow-Origin; NULL: none */
+    int status;          /* Status of the reply; 0: none yet */
+    uint64_t body_bytes; /* Bytes of the reply's body that were made ready */
+};
+
 struct umbd_call {
     struct umbd_conn *conn;
     struct umbd_server *server; /* The connection's */
@@ -99,8 +114,9 @@ struct umbd_call {
 
     /* request */
     const struct umbd_method
-        *method; /* Row of the table of methods; its last row while the path is unknown */
-    void *state; /* The service's; `close` of the method frees it */
+        *method;          /* Row of the table of methods; its last row while the path is unknown */
+    void *state;          /* The service's; `close` of the method frees it */
+    struct umbd_web *web; /* NULL: gRPC */
     struct umbd_header_budget headers;
     char path[UMBD_PATH_SIZE];
     int is_post, is_grpc, bad_timeout;
@@ -199,6 +215,31 @@ UMB_CHECKED enum umb_status umbd_call_send_task(struct umbd_call *call, struct u
 void umbd_stream_drop(struct umbd_call *call);
 void umbd_stream_later(struct umbd_call *call);
 
+/* --- Replies of HTTP/1.1 (web_reply.c) --- */
+
+#define UMBD_WEB_HEAD_BYTES   2048 /* room for the head of a reply */
+#define UMBD_WEB_FIELDS_BYTES 768  /* room for a service's own fields */
+
+/*
+ * Writes the head of a reply, and marks the call as answered with that status.
+ *
+ * In:    length: bytes of the body; not told with 204 and 304. fields: the service's own header
+ *        lines, each with its end, less than UMBD_WEB_FIELDS_BYTES.
+ * Returns the size of the head.
+ */
+size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const char *fields,
+                     char text[UMBD_WEB_HEAD_BYTES]);
+
+/* Answers with a line of text, or without a body if the text is empty. */
+void umbd_web_reply(struct umbd_call *call, int status, const char *fields, const char *text);
+
+/* Answers a request of HTTP/1.1 with an error: umbd_call_fail for such requests. code: a gRPC
+ * status code, from which the HTTP status follows. */
+void umbd_web_fail(struct umbd_call *call, int code, const char *message);
+
+/* Ends a reply whose body cannot be completed: the connection closes. */
+void umbd_web_cut(struct umbd_call *call);
+
 /* --- Replies (call_reply.c) --- */
 
 /*
@@ -285,6 +326,10 @@ void umbd_call_authorization(struct umbd_call *call, const uint8_t *value, size_
  * with UNAUTHENTICATED or PERMISSION_DENIED. */
 int umbd_call_is_allowed(struct umbd_call *call);
 
+/* Records that the call was allowed, so its connection does real work, and charges the price of the
+ * call. The call has failed if its rate is used up. */
+void umbd_call_admit(struct umbd_call *call);
+
 /* Returns the call's token from the current token file; NULL if the call has none or the file no
  * longer has it. */
 const struct umbd_token *umbd_call_token(struct umbd_call *call);
@@ -357,6 +402,12 @@ void umbd_call_destroy(struct umbd_call *call);
 
 /* Checks the call's timers. Returns 0 if the connection must be closed. */
 int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
+
+/* --- Requests of HTTP/1.1 (web_call.c): events of the transport --- */
+
+struct umbd_call *umbd_web_request(struct umbd_conn *conn, int32_t number,
+                                   const struct umbd_http1_request *request);
+int umbd_web_is_over(const struct umbd_call *call);
 
 /* Handlers of the transport's events for calls (call_home.c). umbd_server.backend must be a struct
  * umbd_backend. */

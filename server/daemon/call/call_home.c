@@ -126,8 +126,7 @@ static void deliver(struct umbd_loop *loop, struct umbd_task *task)
 {
     struct umbd_conn *conn = umbd_conn_find(loop, task->lane);
     loop->clock_ns = 0;
-    struct umbd_call *call =
-        conn != NULL ? nghttp2_session_get_stream_user_data(conn->session, task->stream_id) : NULL;
+    struct umbd_call *call = conn != NULL ? conn->protocol->find(conn, task->stream_id) : NULL;
     if (call == NULL || call->task != task) {
         umbd_server_uncharge(loop->server, task->charged);
         task->free(task);
@@ -169,6 +168,15 @@ static int has_room(const struct umbd_loop *loop)
     return umbd_pool_has_room(loop->home->backend->pool);
 }
 
+static struct umbd_call *find_web(struct umbd_conn *conn, int32_t number)
+{
+    struct umbd_call *call = LIST_FIRST(&conn->calls);
+    while (call != NULL && call->stream_id != number) {
+        call = LIST_NEXT(call, link);
+    }
+    return call;
+}
+
 const struct umbd_call_events umbd_call_events = {
     .open = umbd_call_create,
     .header = umbd_call_header,
@@ -178,6 +186,10 @@ const struct umbd_call_events umbd_call_events = {
     .request_end = umbd_call_request_end,
     .take_body = umbd_call_take_body,
     .close = umbd_call_destroy,
+    .web_request = umbd_web_request,
+    .web_unsent = umbd_call_unsent,
+    .web_is_over = umbd_web_is_over,
+    .web_find = find_web,
     .conn_is_sending = is_sending,
     .conn_tick = tick,
     .conn_pump = pump,

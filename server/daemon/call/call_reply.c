@@ -155,6 +155,11 @@ void umbd_call_fail(struct umbd_call *call, int code, const char *message)
     }
     if (call->task != NULL && call->task->pool != NULL) {
         umbd_call_leave_task(call);
+        call->state = call->web == NULL ? call->state : NULL; /* the task has it */
+    }
+    if (call->web != NULL) {
+        umbd_web_fail(call, code, message);
+        return;
     }
     drop_request(call);
     call->code = code;

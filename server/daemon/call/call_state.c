@@ -25,6 +25,25 @@ void umbd_call_uncharge(struct umbd_call *call, size_t bytes)
     call->charged = bytes;
 }
 
+/* Counts a request of HTTP/1.1. A client that left before the end gets the status 499. */
+static void count_web(struct umbd_call *call, uint64_t duration_ns)
+{
+    struct umbd_server *server = call->server;
+    const struct umbd_web *web = call->web;
+    const int is_whole = call->reply_ended && umbd_call_unsent(call) == 0;
+    const int status = is_whole ? web->status : 499;
+    const uint64_t bytes = web->body_bytes;
+    umbd_metrics_http(&server->metrics, status, duration_ns);
+    umbd_count(&server->metrics.http_bytes, bytes);
+    if (server->log.level >= UMB_LOG_DEBUG) {
+        char quoted[UMBS_LOG_QUOTE_SIZE];
+        UMBD_CONN_LOG(call->conn, UMB_LOG_DEBUG, "http",
+                      "request=%d path=%s status=%d bytes=%llu dur_us=%llu", call->stream_id,
+                      umbs_log_quote(call->path, quoted), status, (unsigned long long)bytes,
+                      (unsigned long long)(duration_ns / 1000));
+    }
+}
+
 void umbd_call_count(struct umbd_call *call, int code)
 {
     struct umbd_server *server = call->server;
@@ -33,6 +52,10 @@ void umbd_call_count(struct umbd_call *call, int code)
     }
     uint64_t duration_ns = umbu_clock_ns() - call->started_ns;
     call->counted = 1;
+    if (call->web != NULL) {
+        count_web(call, duration_ns);
+        return;
+    }
     umbd_metrics_handled(&server->metrics, call->method, code, duration_ns);
     if (server->log.level >= UMB_LOG_DEBUG) {
         char quoted[UMBS_LOG_QUOTE_SIZE];

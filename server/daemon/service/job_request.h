@@ -27,7 +27,7 @@ struct umbd_job_step {
     void (*files)(struct umbd_job_request *job_request);                              /* Or NULL */
     void (*work)(struct umbd_job_request *job_request, struct umbj_service *service); /* Or NULL */
     void (*answer)(struct umbd_job_request *job_request, struct umbd_call *call);     /* Or NULL */
-    int reads; /* 1: files only reads the job table, and does not wait for changes of the table */
+    int reads; /* 1: `files` only reads the job table, and waits for no change of it */
 };
 
 struct umbd_job_request {

@@ -3,6 +3,7 @@
 #include "daemon/service/services.h"
 
 #include "daemon/base/method.h"
+#include "daemon/service/web_body.h"
 #include "wire/bakes.h"
 #include "wire/messages.h"
 #include "wire/regions.h"
@@ -60,5 +61,14 @@ const struct umbd_method umbd_methods[] = {
     {.path = NULL}, /* every other path */
 };
 /* clang-format on */
+
+const struct umbd_method umbd_web_method = {.path = "/assets/",
+                                            .kind = UNARY,
+                                            .scope = QUERY,
+                                            .price = BY_CALL,
+                                            .serve = umbd_web_serve,
+                                            .more = umbd_web_body_more,
+                                            .tick = umbd_web_body_tick,
+                                            .close = umbd_web_body_close};
 
 _Static_assert(sizeof umbd_methods / sizeof umbd_methods[0] <= UMBD_METHODS_MAX, "counters");

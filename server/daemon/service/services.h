@@ -10,6 +10,9 @@
 /* The daemon's methods. */
 extern const struct umbd_method umbd_methods[];
 
+/* Row for requests of HTTP/1.1. No path of gRPC leads to it. */
+extern const struct umbd_method umbd_web_method;
+
 void umbd_query_serve(struct umbd_call *call);
 void umbd_query_close(struct umbd_call *call);
 void umbd_describe_serve(struct umbd_call *call);
@@ -34,6 +37,7 @@ void umbd_health_watch_serve(struct umbd_call *call);
 void umbd_health_watch_tick(struct umbd_call *call);
 void umbd_health_watch_close(struct umbd_call *call);
 void umbd_reflection_serve(struct umbd_call *call);
+void umbd_web_serve(struct umbd_call *call);
 
 /*
  * Finds the calibration for a request with a budget, or has a worker make it.

@@ -85,8 +85,7 @@ void umbd_conn_close(struct umbd_conn *conn, const char *why)
     UMBD_CONN_LOG(conn, UMB_LOG_DEBUG, "conn_closed", "calls=%zu reason=\"%s\"", conn->call_count,
                   why);
     conn->server->calls->conn_end(conn);
-    nghttp2_session_del(conn->session);
-    conn->session = NULL;
+    conn->protocol->stop(conn);
     say_bye(conn);
     umbd_conn_tls_finish(conn);
     umbd_conn_leave(conn);
@@ -101,7 +100,7 @@ void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code)
     if (!conn->terminated) {
         conn->terminated = 1;
         conn->terminated_ms = uv_now(&conn->loop->uv);
-        nghttp2_session_terminate_session(conn->session, code);
+        conn->protocol->terminate(conn, code);
     }
 }
 
@@ -125,7 +124,8 @@ void umbd_conn_cut(struct umbd_conn *conn, const char *timer)
 
 void umbd_conn_notice(struct umbd_conn *conn)
 {
-    nghttp2_submit_shutdown_notice(conn->session);
+    conn->leaving = 1;
+    conn->protocol->notice(conn);
 }
 
 void umbd_conn_last_call(struct umbd_conn *conn)
@@ -136,8 +136,6 @@ void umbd_conn_last_call(struct umbd_conn *conn)
     }
     conn->server->calls->conn_last_call(conn);
     if (!conn->closing) {
-        nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
-                              nghttp2_session_get_last_proc_stream_id(conn->session),
-                              NGHTTP2_NO_ERROR, NULL, 0);
+        conn->protocol->last_call(conn);
     }
 }

@@ -2,20 +2,23 @@
 #ifndef UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_H
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_CONN_H
 /*
- * One connection: its socket, its HTTP/2 session, its calls, its timers and budgets.
+ * One connection: its socket, its protocol, its calls, its timers and budgets.
  *
  * Life: umbd_conn_adopt, then events, then umbd_conn_close from outside nghttp2's callbacks. The
  * memory is freed when libuv has closed the handle. Calls end before the session, because
  * nghttp2_session_del does not report its streams.
  *
  * Files, the lowest first: loop.c, conn_budget.c, conn_tls.c, conn.c, conn_io.c, conn_h2.c,
- * conn_room.c, conn_life.c.
+ * conn_http1.c, conn_room.c, conn_life.c.
  *
- * Output: nghttp2's frames are collected in the loop's buffer and written at once. If the socket
- * takes only a part, the rest is copied into one pending write, and no more frames are made until
- * that write is done. A peer that does not read therefore costs one such block, and the frames that
- * nghttp2 queues afterwards. If these exceed UMBD_QUEUED_FRAMES, the connection ends. A flush sends
- * a limited amount; the rest waits until other connections have had their turn.
+ * Two protocols, each a table of functions (struct umbd_protocol): HTTP/2 by nghttp2 carries gRPC,
+ * HTTP/1.1 carries assets. Everything else is the same for both.
+ *
+ * Output: nghttp2's frames, or replies, are collected in the loop's buffer and written at once. If
+ * the socket takes only a part, the rest is copied into one pending write, and no more output is
+ * made until that write is done. A peer that does not read therefore costs one such block, and the
+ * frames that nghttp2 queues afterwards. If these exceed UMBD_QUEUED_FRAMES, the connection ends. A
+ * flush sends a limited amount; the rest waits until other connections have had their turn.
  */
 #include <nghttp2/nghttp2.h>
 #include <uv.h>
@@ -23,6 +26,36 @@
 #include "daemon/transport/h2_guard.h"
 #include "daemon/transport/loop.h"
 #include "daemon/base/net_address.h"
+
+/* Functions of a protocol. Those that may send are called outside of nghttp2's callbacks. */
+struct umbd_protocol {
+    /* Creates the connection's state, and queues what a server says first. Fails: E_NO_MEMORY. */
+    enum umb_status (*start)(struct umbd_conn *conn);
+    /* Frees the state. The calls have ended. */
+    void (*stop)(struct umbd_conn *conn);
+    /* Chooses the room for the next bytes from the socket. */
+    size_t (*room)(struct umbd_conn *conn, uint8_t **place);
+    /* 1 if it can take more bytes. */
+    int (*has_room)(const struct umbd_conn *conn);
+    /* Takes plain bytes; returns 0 or an error. */
+    int (*feed)(void *conn, const uint8_t *bytes, size_t count);
+    /* Collects output into the loop's buffer; returns 0 or an error. */
+    int (*collect)(struct umbd_conn *conn);
+    /* Sentence for an error. */
+    const char *(*error_text)(int code);
+    /* 1 if nothing more will be sent or read. */
+    int (*is_over)(const struct umbd_conn *conn);
+    /* 1 if the peer takes too long to send what it began. */
+    int (*is_late)(struct umbd_conn *conn, uint64_t now_ms);
+    /* Steps of umbd_conn_terminate, _notice and _last_call. */
+    void (*terminate)(struct umbd_conn *conn, uint32_t code);
+    void (*notice)(struct umbd_conn *conn);
+    void (*last_call)(struct umbd_conn *conn);
+    /* The call with that number; NULL if it has ended. */
+    struct umbd_call *(*find)(struct umbd_conn *conn, int32_t stream_id);
+};
+
+extern const struct umbd_protocol umbd_protocol_h2, umbd_protocol_http1;
 
 struct umbd_conn {
     struct umbd_loop *loop;
@@ -38,8 +71,11 @@ struct umbd_conn {
     } socket;
     char peer[UMBD_ADDRESS_TEXT_SIZE];
     struct umbd_conn_tls *tls; /* NULL = plain */
-    nghttp2_session *session;
-    LIST_HEAD(, umbd_call) calls; /* Open calls */
+    const struct umbd_protocol *protocol;
+    enum umbd_language language;
+    nghttp2_session *session;      /* HTTP/2; NULL = HTTP/1.1, or closed */
+    struct umbd_conn_http1 *http1; /* HTTP/1.1; NULL = HTTP/2, or closed */
+    LIST_HEAD(, umbd_call) calls;  /* Open calls */
     size_t call_count;
     size_t buffered;  /* Bytes of its calls and of its pending write */
     size_t allowance; /* Bytes that it may hold without a further grant, see conn_budget.c */
@@ -70,7 +106,9 @@ struct umbd_conn {
     int64_t patience_ms;     /* Time left for a peer that reads too slowly, see umbd_conn_tick */
     uint64_t retire_at_ms;   /* Time of the next step of its retirement, 0 = none */
     enum umbd_drain retired; /* Last step of its retirement */
-    int settings_seen;       /* 1 once the handshake is over */
+    int is_greeted;          /* 1 once the handshake is over, or the first head came */
+    int last_request;        /* 1 if it ends with the reply under way; HTTP/1.1 */
+    int leaving;             /* 1 once it was asked to leave (umbd_conn_notice) */
     int write_pending;
     int terminated; /* 1: a GOAWAY is queued; no new work begins */
     uint64_t terminated_ms;
@@ -98,10 +136,8 @@ struct umbd_conn {
 
 /* Takes over a connected socket; closes it if there is no room or memory. An address with too many
  * connections must give one up: a stranger (see below) is closed for the new one. If this loop has
- * no stranger of the address, the socket goes on to the next loop that may have one. In: refusals:
- * number of loops that had none. */
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
-                     uint32_t refusals);
+ * no stranger of the address, the socket goes on to the next loop that may have one. */
+void umbd_conn_adopt(struct umbd_loop *loop, const struct umbd_socket *socket);
 
 #define UMBD_KEPT_SHARE 4 /* one part in this of --max-buffer is reserved */
 
@@ -166,14 +202,16 @@ void umbd_conn_flush(struct umbd_conn *conn);
 /* Checks the timers. May close the connection. */
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms);
 
-/* Sends GOAWAY and lets the session end. If the connection does not end, the tick closes it. */
+/* Sends GOAWAY, if the protocol has it, and lets the session end. If the connection does not end,
+ * the tick closes it. */
 void umbd_conn_terminate(struct umbd_conn *conn, uint32_t code);
 
 /*
  * Two steps that ask a connection to leave without losing a call. umbd_conn_notice sends a GOAWAY
  * that still admits requests on their way. umbd_conn_last_call follows UMBD_NOTICE_MS later with
  * the final GOAWAY. It ends endless replies, and ends streams when they have answered the received
- * requests.
+ * requests. With HTTP/1.1 replies say `Connection: close` from the notice on; the last call ends a
+ * connection without a request of a caller with rights.
  */
 #define UMBD_NOTICE_MS 200 /* more than a round trip */
 void umbd_conn_notice(struct umbd_conn *conn);
@@ -193,8 +231,5 @@ void umbd_conn_charge_always(struct umbd_conn *conn, size_t bytes); /* ignores a
 
 /* The connection with that serial; NULL if it is closed. */
 struct umbd_conn *umbd_conn_find(struct umbd_loop *loop, uint64_t serial);
-
-/* Creates the HTTP/2 session and queues the server's settings (conn_h2.c). Fails: E_NO_MEMORY. */
-UMB_CHECKED enum umb_status umbd_conn_h2_start(struct umbd_conn *conn);
 
 #endif

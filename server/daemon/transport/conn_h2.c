@@ -26,6 +26,8 @@
 #define RESET_BURST          1000  /* resets by the peer; a cancelled call is cheap here */
 #define RESET_RATE           200
 #define CONTINUATIONS_MAX    8
+#define IN_PLACE_BYTES       (64 << 10) /* pieces of at least this size are read in place */
+#define SMALL_BYTES          (8 << 10)  /* read from a connection whose turn was too long */
 #define SETTINGS_ENTRIES_MAX 32
 
 /*
@@ -147,7 +149,7 @@ static int on_frame(nghttp2_session *session, const nghttp2_frame *frame, void *
 {
     struct umbd_conn *conn = user;
     if (frame->hd.type == NGHTTP2_SETTINGS && (frame->hd.flags & NGHTTP2_FLAG_ACK) == 0) {
-        conn->settings_seen = 1;
+        conn->is_greeted = 1;
     }
     if (frame->hd.type != NGHTTP2_HEADERS && frame->hd.type != NGHTTP2_DATA) {
         return 0;
@@ -304,7 +306,7 @@ static int queue_settings(nghttp2_session *session)
                : nghttp2_session_set_local_window_size(session, NGHTTP2_FLAG_NONE, 0, WINDOW_BYTES);
 }
 
-enum umb_status umbd_conn_h2_start(struct umbd_conn *conn)
+static enum umb_status start(struct umbd_conn *conn)
 {
     nghttp2_session_callbacks *callbacks = make_callbacks();
     nghttp2_option *option = make_option();
@@ -323,3 +325,120 @@ enum umb_status umbd_conn_h2_start(struct umbd_conn *conn)
     umbd_bucket_init(&conn->resets, RESET_BURST, RESET_RATE, now_ns);
     return code == 0 ? UMB_OK : UMB_E_NO_MEMORY;
 }
+
+static void stop(struct umbd_conn *conn)
+{
+    nghttp2_session_del(conn->session);
+    conn->session = NULL;
+}
+
+/*
+ * Chooses the memory into which libuv reads the next bytes. If a large part of one DATA frame is
+ * still to come, that is the frame's message, else the loop's buffer. A read into a message gets
+ * bytes of that frame alone. Nothing reads them again once the call has them, so the call may drop
+ * its message. libuv reads and calls back at once, so the call cannot end in between.
+ */
+static size_t room(struct umbd_conn *conn, uint8_t **place)
+{
+    uint32_t stream_id = 0;
+    const uint32_t left = umbd_h2_filter_data_left(&conn->filter, &stream_id);
+    if (conn->tls == NULL && left >= IN_PLACE_BYTES) {
+        struct umbd_call *call = find_call(conn->session, (int32_t)stream_id);
+        const size_t got = call != NULL ? conn->server->calls->room(call, left, place) : 0;
+        if (got >= IN_PLACE_BYTES) {
+            return got;
+        }
+    }
+    *place = conn->loop->read_buffer;
+    return conn->was_long ? SMALL_BYTES : UMBD_READ_BYTES;
+}
+
+static int has_room(const struct umbd_conn *conn)
+{
+    (void)conn;
+    return 1; /* flow control limits the peer */
+}
+
+/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
+static int feed_session(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
+    return used < 0 ? (int)used : 0;
+}
+
+static int feed(void *user, const uint8_t *bytes, size_t count)
+{
+    struct umbd_conn *conn = user;
+    return umbd_h2_filter_feed(&conn->filter, bytes, count, feed_session, conn);
+}
+
+static int collect(struct umbd_conn *conn)
+{
+    struct umbd_loop *loop = conn->loop;
+    while (loop->out_size < UMBD_OUT_SOFT) {
+        const uint8_t *bytes = NULL;
+        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
+        if (count <= 0) {
+            return (int)count;
+        }
+        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
+            /* A frame longer than the reserve: the daemon sends none. */
+            return NGHTTP2_ERR_BUFFER_ERROR;
+        }
+        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
+        loop->out_size += (size_t)count;
+    }
+    return 0;
+}
+
+static int is_over(const struct umbd_conn *conn)
+{
+    return !nghttp2_session_want_read(conn->session) && !nghttp2_session_want_write(conn->session);
+}
+
+/* The calls have a timer of their own for header blocks. */
+static int is_late(struct umbd_conn *conn, uint64_t now_ms)
+{
+    (void)conn;
+    (void)now_ms;
+    return 0;
+}
+
+static void terminate(struct umbd_conn *conn, uint32_t code)
+{
+    nghttp2_session_terminate_session(conn->session, code);
+}
+
+static void notice(struct umbd_conn *conn)
+{
+    nghttp2_submit_shutdown_notice(conn->session);
+}
+
+static void last_call(struct umbd_conn *conn)
+{
+    nghttp2_submit_goaway(conn->session, NGHTTP2_FLAG_NONE,
+                          nghttp2_session_get_last_proc_stream_id(conn->session), NGHTTP2_NO_ERROR,
+                          NULL, 0);
+}
+
+static struct umbd_call *find(struct umbd_conn *conn, int32_t stream_id)
+{
+    return find_call(conn->session, stream_id);
+}
+
+const struct umbd_protocol umbd_protocol_h2 = {
+    .start = start,
+    .stop = stop,
+    .room = room,
+    .has_room = has_room,
+    .feed = feed,
+    .collect = collect,
+    .error_text = nghttp2_strerror,
+    .is_over = is_over,
+    .is_late = is_late,
+    .terminate = terminate,
+    .notice = notice,
+    .last_call = last_call,
+    .find = find,
+};

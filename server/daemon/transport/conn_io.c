@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * A connection's socket: reading and writing. Bytes from the socket pass the TLS session, if there
- * is one, and the frame filter, and then go to nghttp2. Frames to send are collected in the loop's
- * buffer, sealed by TLS, and written at once as far as the socket takes them.
+ * is one, and go to the protocol. What the protocol sends is collected in the loop's buffer, sealed
+ * by TLS, and written at once as far as the socket takes it.
  */
 #include <openssl/err.h>
 #include <stdlib.h>
@@ -11,9 +11,7 @@
 #include "daemon/transport/conn.h"
 #include "daemon/transport/conn_tls.h"
 
-#define IN_PLACE_BYTES (64 << 10) /* pieces of at least this size are read in place */
-#define FLUSH_BYTES    (1 << 20)  /* bytes of one flush, then other connections have their turn */
-#define SMALL_BYTES    (8 << 10)  /* read at once from a connection whose turn was too long */
+#define FLUSH_BYTES (1 << 20) /* bytes of one flush, then other connections have their turn */
 
 /* One write under way; the block follows. */
 struct pending_write {
@@ -23,28 +21,14 @@ struct pending_write {
     uint8_t bytes[];
 };
 
-/* Collects frames into the loop's buffer. Returns 0 or nghttp2's error. */
+/* Collects output into the loop's buffer. Returns 0 or the protocol's error. */
 static int collect(struct umbd_conn *conn)
 {
-    struct umbd_loop *loop = conn->loop;
-    loop->out_size = 0;
+    conn->loop->out_size = 0;
     if (conn->tls != NULL && !umbn_tls_ready(conn->tls->session)) {
         return 0; /* only the handshake has bytes to send yet */
     }
-    while (loop->out_size < UMBD_OUT_SOFT) {
-        const uint8_t *bytes = NULL;
-        ssize_t count = nghttp2_session_mem_send(conn->session, &bytes);
-        if (count <= 0) {
-            return (int)count;
-        }
-        if ((size_t)count > UMBD_OUT_CAPACITY - loop->out_size) {
-            /* A frame longer than the reserve: the daemon sends none. */
-            return NGHTTP2_ERR_BUFFER_ERROR;
-        }
-        memcpy(loop->out + loop->out_size, bytes, (size_t)count);
-        loop->out_size += (size_t)count;
-    }
-    return 0;
+    return conn->protocol->collect(conn);
 }
 
 static void on_written(uv_write_t *request, int status)
@@ -93,7 +77,7 @@ static int next_block(struct umbd_conn *conn, const uint8_t **bytes, size_t *siz
     struct umbd_loop *loop = conn->loop;
     int code = collect(conn);
     if (code != 0) {
-        umbd_conn_close(conn, nghttp2_strerror(code));
+        umbd_conn_close(conn, conn->protocol->error_text(code));
         return 0;
     }
     *bytes = loop->out;
@@ -132,47 +116,30 @@ void umbd_conn_flush(struct umbd_conn *conn)
             umbd_conn_close(conn, "cannot write");
         }
     }
-    if (!conn->closing && !conn->write_pending && !nghttp2_session_want_read(conn->session) &&
-        !nghttp2_session_want_write(conn->session)) {
+    if (!conn->closing && !conn->write_pending && conn->protocol->is_over(conn)) {
         umbd_conn_close(conn, "session over");
     }
 }
 
-/*
- * Chooses the memory into which libuv reads the next bytes. If a large part of one DATA frame is
- * still to come, that is the frame's message, else the loop's buffer. A read into a message gets
- * bytes of that frame alone. Nothing reads them again once the call has them, so the call may drop
- * its message. libuv reads and calls back at once, so the call cannot end in between.
- */
 static void on_alloc(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
     struct umbd_conn *conn = handle->data;
-    uint32_t stream_id = 0;
-    uint32_t left = umbd_h2_filter_data_left(&conn->filter, &stream_id);
+    uint8_t *place = NULL;
+    const size_t room = conn->protocol->room(conn, &place);
     (void)suggested;
-    if (conn->tls == NULL && left >= IN_PLACE_BYTES) {
-        struct umbd_call *call =
-            nghttp2_session_get_stream_user_data(conn->session, (int32_t)stream_id);
-        uint8_t *place = NULL;
-        size_t room = call != NULL ? conn->server->calls->room(call, left, &place) : 0;
-        if (room >= IN_PLACE_BYTES) {
-            *buffer = uv_buf_init((char *)place, (unsigned)room);
-            return;
-        }
-    }
-    *buffer = uv_buf_init((char *)conn->loop->read_buffer,
-                          conn->was_long ? SMALL_BYTES : UMBD_READ_BYTES);
+    *buffer = uv_buf_init((char *)place, (unsigned)room);
 }
 
 /* The library ended the session: sends its last frames, then closes. */
 static void session_broke(struct umbd_conn *conn, int code)
 {
+    const char *reason = conn->protocol->error_text(code);
     umbd_count(&conn->server->metrics.abuse[UMBD_ABUSE_LIBRARY], 1);
     if (umbd_loop_may_log(conn->loop)) {
-        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "h2_error", "reason=\"%s\"", nghttp2_strerror(code));
+        UMBD_CONN_LOG(conn, UMB_LOG_INFO, "h2_error", "reason=\"%s\"", reason);
     }
     umbd_conn_flush(conn);
-    umbd_conn_close(conn, nghttp2_strerror(code));
+    umbd_conn_close(conn, reason);
 }
 
 /* Sends the alert and closes the connection: TLS failed, or the peer was not accepted. */
@@ -192,24 +159,9 @@ static void tls_broke(struct umbd_conn *conn)
     umbd_conn_close(conn, "TLS failed");
 }
 
-/* Hands filtered bytes to the session; returns 0 or nghttp2's error. */
-static int feed_session(void *user, const uint8_t *bytes, size_t count)
-{
-    struct umbd_conn *conn = user;
-    ssize_t used = nghttp2_session_mem_recv(conn->session, bytes, count);
-    return used < 0 ? (int)used : 0;
-}
-
-/* Takes plain bytes of the peer. */
-static int feed_filter(void *user, const uint8_t *bytes, size_t count)
-{
-    struct umbd_conn *conn = user;
-    return umbd_h2_filter_feed(&conn->filter, bytes, count, feed_session, conn);
-}
-
 static int feed_tls(struct umbd_conn *conn, const uint8_t *bytes, size_t count)
 {
-    int code = umbn_tls_open(conn->tls->session, bytes, count, feed_filter, conn);
+    int code = umbn_tls_open(conn->tls->session, bytes, count, conn->protocol->feed, conn);
     /* The next connection needs the loop's buffer. */
     if (conn->write_pending && !umbd_conn_tls_keep(conn)) {
         return UMBN_TLS_BROKEN;
@@ -229,6 +181,15 @@ static void pause_if_long(struct umbd_conn *conn)
     }
 }
 
+/* Stops reading while the protocol has no room, until umbd_conn_read_again. */
+static void pause_if_full(struct umbd_conn *conn)
+{
+    if (!conn->closing && !conn->protocol->has_room(conn)) {
+        conn->paused = 1;
+        uv_read_stop(&conn->socket.stream);
+    }
+}
+
 static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buffer)
 {
     const uint8_t *bytes = (const uint8_t *)buffer->base;
@@ -242,13 +203,13 @@ static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buf
     unsigned before = conn->filter.odd;
     conn->loop->clock_ns = 0;
     int code = conn->tls != NULL ? feed_tls(conn, bytes, (size_t)count)
-                                 : feed_filter(conn, bytes, (size_t)count);
+                                 : conn->protocol->feed(conn, bytes, (size_t)count);
     for (; code == 0 && !conn->terminated && before != conn->filter.odd; before++) {
         if (!umbd_bucket_take(&conn->control, uv_hrtime())) {
             umbd_conn_abuse(conn, UMBD_ABUSE_CONTROL, "too many frames that nothing needs");
         }
     }
-    if (code == UMBN_TLS_BROKEN || code == UMBN_TLS_NO_H2) {
+    if (code == UMBN_TLS_BROKEN || code == UMBN_TLS_NO_PROTOCOL) {
         tls_broke(conn);
     } else if (code == UMBN_TLS_OVER) {
         umbd_conn_flush(conn);
@@ -258,6 +219,7 @@ static void take_read(struct umbd_conn *conn, ssize_t count, const uv_buf_t *buf
     } else {
         umbd_conn_flush(conn);
         pause_if_long(conn);
+        pause_if_full(conn);
     }
 }
 
@@ -318,7 +280,7 @@ void umbd_conn_release(struct umbd_conn *conn)
 
 void umbd_conn_read_again(struct umbd_conn *conn)
 {
-    if (conn->paused && !conn->held && !conn->closing) {
+    if (conn->paused && !conn->held && !conn->closing && conn->protocol->has_room(conn)) {
         conn->paused = 0;
         if (umbd_conn_read_start(conn) != 0) {
             umbd_conn_close(conn, "cannot go on reading");

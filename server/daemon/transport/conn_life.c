@@ -33,8 +33,7 @@ static uint64_t retirement_ms(const struct umbd_conn *conn, uint64_t max_age_ms)
 /* A connection that is being admitted. */
 struct newcomer {
     struct umbd_conn *conn;
-    enum umbn_transport transport;
-    uint32_t refusals;  /* Number of loops that had no room for it */
+    struct umbd_socket socket;
     int room_elsewhere; /* 1: its address has connections without rights on another loop */
     const char *reason; /* Reason why it is not admitted */
 };
@@ -44,7 +43,7 @@ struct newcomer {
 static int know_peer(struct newcomer *newcomer)
 {
     struct umbd_conn *conn = newcomer->conn;
-    const enum umbn_transport transport = newcomer->transport;
+    const enum umbn_transport transport = newcomer->socket.transport;
     struct umbd_server *server = conn->server;
     struct sockaddr_storage address;
     memset(&address, 0, sizeof address);
@@ -92,7 +91,8 @@ static int admit(struct newcomer *newcomer)
     if (!know_peer(newcomer)) {
         return 0;
     }
-    int admitted = newcomer->transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
+    int admitted =
+        newcomer->socket.transport != UMBN_TLS || may_shake_hands(conn, &newcomer->reason);
     if (admitted && !umbd_conn_make_room(conn->loop)) {
         newcomer->reason = "too many connections";
         admitted = 0;
@@ -117,19 +117,20 @@ static int pass_on(const struct newcomer *newcomer)
 {
     uv_os_fd_t fd = -1;
     struct umbd_conn *conn = newcomer->conn;
-    if (!newcomer->room_elsewhere || newcomer->refusals + 1 >= conn->server->loop_count ||
+    struct umbd_socket onward = newcomer->socket;
+    onward.refusals++;
+    if (!newcomer->room_elsewhere || onward.refusals >= conn->server->loop_count ||
         uv_fileno(&conn->socket.handle, &fd) != 0) {
         return 0;
     }
-    const int copy = fcntl(fd, F_DUPFD_CLOEXEC, 0);
-    if (copy >= 0) {
-        umbd_loop_hand(umbd_loop_after(conn->loop), copy, newcomer->transport,
-                       newcomer->refusals + 1);
+    onward.fd = fcntl(fd, F_DUPFD_CLOEXEC, 0);
+    if (onward.fd >= 0) {
+        umbd_loop_hand(umbd_loop_after(conn->loop), &onward);
     }
-    return copy >= 0;
+    return onward.fd >= 0;
 }
 
-static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport transport)
+static struct umbd_conn *make_conn(struct umbd_loop *loop, const struct umbd_socket *socket)
 {
     struct umbd_conn *conn = calloc(1, sizeof *conn);
     if (conn == NULL) {
@@ -138,7 +139,9 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport t
     conn->loop = loop;
     conn->server = loop->server;
     conn->serial = atomic_fetch_add(&loop->server->next_serial, 1);
-    if (transport == UMBN_UNIX) {
+    conn->language = socket->language;
+    conn->protocol = socket->language == UMBD_HTTP1 ? &umbd_protocol_http1 : &umbd_protocol_h2;
+    if (socket->transport == UMBN_UNIX) {
         uv_pipe_init(&loop->uv, &conn->socket.pipe, 0);
     } else {
         uv_tcp_init(&loop->uv, &conn->socket.tcp);
@@ -151,7 +154,7 @@ static struct umbd_conn *make_conn(struct umbd_loop *loop, enum umbn_transport t
 static void begin(struct newcomer *newcomer, int code)
 {
     struct umbd_conn *conn = newcomer->conn;
-    const enum umbn_transport transport = newcomer->transport;
+    const enum umbn_transport transport = newcomer->socket.transport;
     struct umbd_loop *loop = conn->loop;
     struct umbd_server *server = loop->server;
     newcomer->reason = code != 0 ? uv_strerror(code) : "the server ends";
@@ -173,7 +176,7 @@ static void begin(struct newcomer *newcomer, int code)
         uv_tcp_nodelay(&conn->socket.tcp, 1);
         uv_tcp_keepalive(&conn->socket.tcp, 1, KEEPALIVE_S);
     }
-    if (umbd_conn_h2_start(conn) != UMB_OK ||
+    if (conn->protocol->start(conn) != UMB_OK ||
         (transport == UMBN_TLS && umbd_conn_tls_start(conn) != UMB_OK) ||
         umbd_conn_read_start(conn) != 0) {
         umbd_conn_close(conn, "cannot start");
@@ -181,25 +184,24 @@ static void begin(struct newcomer *newcomer, int code)
     }
     /* The connection was being accepted when the others got the GOAWAY. */
     if (loop->drain == UMBD_DRAIN_NOTICE) {
-        nghttp2_submit_shutdown_notice(conn->session);
+        umbd_conn_notice(conn);
     }
     umbd_conn_flush(conn);
 }
 
-void umbd_conn_adopt(struct umbd_loop *loop, int socket, enum umbn_transport transport,
-                     uint32_t refusals)
+void umbd_conn_adopt(struct umbd_loop *loop, const struct umbd_socket *socket)
 {
-    struct umbd_conn *conn = make_conn(loop, transport);
+    struct umbd_conn *conn = make_conn(loop, socket);
     if (conn == NULL) {
-        close(socket);
+        close(socket->fd);
         return;
     }
-    int code = transport == UMBN_UNIX ? uv_pipe_open(&conn->socket.pipe, socket)
-                                      : uv_tcp_open(&conn->socket.tcp, socket);
+    int code = socket->transport == UMBN_UNIX ? uv_pipe_open(&conn->socket.pipe, socket->fd)
+                                              : uv_tcp_open(&conn->socket.tcp, socket->fd);
     if (code != 0) {
-        close(socket);
+        close(socket->fd);
     }
-    struct newcomer newcomer = {.conn = conn, .transport = transport, .refusals = refusals};
+    struct newcomer newcomer = {.conn = conn, .socket = *socket};
     begin(&newcomer, code);
 }
 
@@ -254,7 +256,12 @@ static int retire(struct umbd_conn *conn, uint64_t now_ms)
 void umbd_conn_tick(struct umbd_conn *conn, uint64_t now_ms)
 {
     const struct umbd_options *options = &conn->server->options;
-    if (!conn->settings_seen && now_ms - conn->opened_ms > options->handshake_timeout_ms) {
+    if (conn->protocol->is_late(conn, now_ms)) {
+        umbd_conn_flush(conn);
+        umbd_conn_cut(conn, "headers");
+        return;
+    }
+    if (!conn->is_greeted && now_ms - conn->opened_ms > options->handshake_timeout_ms) {
         umbd_conn_cut(conn, "handshake");
         return;
     }

@@ -33,11 +33,15 @@ enum umb_status umbd_conn_tls_start(struct umbd_conn *conn)
         free(tls);
         return UMB_E_NO_MEMORY;
     }
-    SSL *session = umbd_tls_session(loop->server->tls, &tls->generation);
+    const int is_http1 = conn->language == UMBD_HTTP1;
+    SSL *session = umbd_tls_session(loop->server->tls, is_http1, &tls->generation);
     enum umb_status status = umbn_tls_create(session, put_records, conn, &tls->session);
     if (status != UMB_OK) {
         free(tls);
         return status;
+    }
+    if (is_http1) {
+        umbn_tls_take_http1(tls->session);
     }
     conn->tls = tls;
     return UMB_OK;

@@ -27,11 +27,13 @@ static void on_taken(struct umbd_acceptor *acceptor, int fd)
 {
     struct umbd_listener *listener = acceptor->user;
     struct umbd_loop *to = umbd_loops_idlest(listener->loop->server);
+    const struct umbd_socket socket = {
+        .fd = fd, .transport = listener->transport, .language = listener->language};
     listener->logged = 0;
     if (to != listener->loop) {
-        umbd_loop_hand(to, fd, listener->transport, 0);
+        umbd_loop_hand(to, &socket);
     } else {
-        umbd_conn_adopt(to, fd, listener->transport, 0);
+        umbd_conn_adopt(to, &socket);
     }
 }
 
@@ -132,7 +134,8 @@ static void name_listener(struct umbd_listener *listener)
     struct sockaddr_storage address = {0};
     socklen_t size = sizeof address;
     int length =
-        snprintf(listener->text, sizeof listener->text, "%s", prefixes[listener->transport]);
+        snprintf(listener->text, sizeof listener->text, "%s%s",
+                 listener->language == UMBD_HTTP1 ? "http+" : "", prefixes[listener->transport]);
     char *rest = listener->text + length;
     size_t room = sizeof listener->text - (size_t)length;
     (void)getsockname(listener->acceptor.fd, (struct sockaddr *)&address, &size);
@@ -147,7 +150,8 @@ static void name_listener(struct umbd_listener *listener)
 
 /* Makes a listener of the loop, not bound yet. Fails: E_NO_MEMORY. */
 static enum umb_status make_listener(struct umbd_loop *loop, enum umbn_transport transport,
-                                     struct umbd_listener **out, struct umb_error *error)
+                                     enum umbd_language language, struct umbd_listener **out,
+                                     struct umb_error *error)
 {
     struct umbd_listener *listener = *out = calloc(1, sizeof *listener);
     if (listener == NULL) {
@@ -155,6 +159,7 @@ static enum umb_status make_listener(struct umbd_loop *loop, enum umbn_transport
     }
     listener->loop = loop;
     listener->transport = transport;
+    listener->language = language;
     listener->acceptor = (struct umbd_acceptor){
         .fd = -1, .user = listener, .taken = on_taken, .refused = on_refused};
     struct umbd_listener **last = &loop->listeners;
@@ -180,7 +185,8 @@ static int start(struct umbd_listener *listener, int fd, const char *from)
 
 /* Refuses an address that opens the daemon to other machines without a token or a certificate.
  * Fails: E_ARGUMENT. */
-static enum umb_status check_reach(const struct umbd_loop *loop, enum umbn_transport transport,
+static enum umb_status check_reach(const struct umbd_loop *loop, const char *option,
+                                   enum umbn_transport transport,
                                    const struct sockaddr_storage *address, struct umb_error *error)
 {
     char text[UMBD_ADDRESS_TEXT_SIZE];
@@ -189,32 +195,34 @@ static enum umb_status check_reach(const struct umbd_loop *loop, enum umbn_trans
     }
     umbd_address_text(address, text, sizeof text);
     return umb_fail(error, UMB_E_ARGUMENT,
-                    "--listen: '%s' lets other machines query without a token: give --token-file "
+                    "%s: '%s' lets other machines query without a token: give --token-file "
                     "or --tls-client-ca, listen on 127.0.0.1, or allow it by --without-tokens",
-                    text);
+                    option, text);
 }
 
-static enum umb_status open_one(struct umbd_loop *loop, const char *text, struct umb_error *error)
+static enum umb_status open_one(struct umbd_loop *loop, enum umbd_language language,
+                                const char *text, struct umb_error *error)
 {
+    const char *option = language == UMBD_HTTP1 ? "--http" : "--listen";
     struct umbn_address address;
     struct sockaddr_storage resolved;
     struct umbd_listener *listener;
     int fd = -1;
-    UMB__TRY(umbn_address_parse("--listen", text, &address, error));
+    UMB__TRY(umbn_address_parse(option, text, &address, error));
     const int is_unix = address.transport == UMBN_UNIX;
     if (!is_unix) {
         UMB__TRY(umbd_address_resolve(&address, &resolved, error));
-        UMB__TRY(check_reach(loop, address.transport, &resolved, error));
+        UMB__TRY(check_reach(loop, option, address.transport, &resolved, error));
     }
-    UMB__TRY(make_listener(loop, address.transport, &listener, error));
+    UMB__TRY(make_listener(loop, address.transport, language, &listener, error));
     int code = is_unix ? bind_unix(listener, &address, &fd)
                        : umbd_socket_bind((struct sockaddr *)&resolved, &fd);
     if (code == 0) {
         code = start(listener, fd, "listen");
     }
     return code == 0 ? UMB_OK
-                     : umb_fail(error, UMB_E_UNAVAILABLE, "--listen: cannot listen on '%.120s': %s",
-                                text, uv_strerror(code));
+                     : umb_fail(error, UMB_E_UNAVAILABLE, "%s: cannot listen on '%.120s': %s",
+                                option, text, uv_strerror(code));
 }
 
 /* Finds the protocol of a socket from the service manager. Fails: E_ARGUMENT (not a listening
@@ -238,20 +246,35 @@ static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, in
         return umb_fail(error, UMB_E_ARGUMENT,
                         "LISTEN_FDS: descriptor %d is neither TCP nor a plain Unix socket", fd);
     }
-    return check_reach(loop, *transport, &address, error);
+    return check_reach(loop, "LISTEN_FDS", *transport, &address, error);
 }
 
-static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
+/* What a socket from the service manager speaks, by its name: "tls", "http", "https", or gRPC
+ * without TLS. */
+struct handed_kind {
+    int is_tls;
+    enum umbd_language language;
+};
+
+static struct handed_kind handed_kind(unsigned index)
+{
+    const int is_https = umbd_handed_is_named(index, "https");
+    const int is_http = is_https || umbd_handed_is_named(index, "http");
+    return (struct handed_kind){.is_tls = is_https || umbd_handed_is_named(index, "tls"),
+                                .language = is_http ? UMBD_HTTP1 : UMBD_HTTP2};
+}
+
+static enum umb_status open_handed(struct umbd_loop *loop, int fd, const struct handed_kind *kind,
                                    struct umb_error *error)
 {
     enum umbn_transport transport = UMBN_TCP;
     struct umbd_listener *listener;
-    UMB__TRY(handed_transport(loop, fd, is_tls, &transport, error));
+    UMB__TRY(handed_transport(loop, fd, kind->is_tls, &transport, error));
     if (transport == UMBN_TLS && loop->server->tls == NULL) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "LISTEN_FDS: a socket named tls needs --tls-cert and --tls-key");
+                        "LISTEN_FDS: a socket named tls or https needs --tls-cert and --tls-key");
     }
-    UMB__TRY(make_listener(loop, transport, &listener, error));
+    UMB__TRY(make_listener(loop, transport, kind->language, &listener, error));
     /* The path belongs to the service manager, which keeps the socket; so it is not removed at the
      * end. */
     int code = start(listener, fd, "service_manager");
@@ -264,16 +287,19 @@ static enum umb_status open_handed(struct umbd_loop *loop, int fd, int is_tls,
 enum umb_status umbd_listeners_open(struct umbd_loop *loop, struct umb_error *error)
 {
     const struct umbd_options *options = &loop->server->options;
-    unsigned tls = 0; /* bit set of the handed sockets */
+    struct handed_kind kinds[UMBD_LISTEN_MAX]; /* read before the names are forgotten */
     for (unsigned i = 0; i < UMBD_LISTEN_MAX; i++) {
-        tls |= (unsigned)umbd_handed_is_named(i, "tls") << i;
+        kinds[i] = handed_kind(i);
     }
     const unsigned handed = umbd_handed_sockets();
     for (unsigned i = 0; i < handed; i++) {
-        UMB__TRY(open_handed(loop, UMBD_HANDED_FIRST + (int)i, (int)(tls >> i & 1U), error));
+        UMB__TRY(open_handed(loop, UMBD_HANDED_FIRST + (int)i, &kinds[i], error));
     }
     for (size_t i = 0; handed == 0 && i < options->listen_count; i++) {
-        UMB__TRY(open_one(loop, options->listen[i], error));
+        UMB__TRY(open_one(loop, UMBD_HTTP2, options->listen[i], error));
+    }
+    for (size_t i = 0; handed == 0 && i < options->http_count; i++) {
+        UMB__TRY(open_one(loop, UMBD_HTTP1, options->http[i], error));
     }
     return UMB_OK;
 }

@@ -11,9 +11,11 @@ struct umbd_listener {
     struct umbd_loop *loop;
     struct umbd_acceptor acceptor;
     enum umbn_transport transport;
+    enum umbd_language language;
     int logged; /* 1: its failure to accept is logged, and nothing was accepted since */
     char path[UMBN_UNIX_PATH_SIZE];    /* Path of a Unix socket, unlinked at close; "" */
-    char text[UMBD_ADDRESS_TEXT_SIZE]; /* Address: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH */
+    char text[UMBD_ADDRESS_TEXT_SIZE]; /* Address: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH; with
+                                          http+ before it for HTTP/1.1 */
 };
 
 /*

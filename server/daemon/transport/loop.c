@@ -104,17 +104,14 @@ struct umbd_loop *umbd_loop_after(struct umbd_loop *loop)
     return &loop->server->loops[(loop->index + 1) % loop->server->loop_count];
 }
 
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
-                    uint32_t refusals)
+void umbd_loop_hand(struct umbd_loop *to, const struct umbd_socket *socket)
 {
     struct umbd_handed *handed = malloc(sizeof *handed);
     if (handed == NULL) {
-        close(socket);
+        close(socket->fd);
         return;
     }
-    handed->socket = socket;
-    handed->transport = transport;
-    handed->refusals = refusals;
+    handed->socket = *socket;
     /* Until the socket is taken; then the connection counts itself. */
     atomic_fetch_add(&to->load, 1);
     pthread_mutex_lock(&to->handed_mutex);

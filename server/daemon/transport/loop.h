@@ -103,17 +103,22 @@ int umbd_loop_may_log(struct umbd_loop *loop);
 struct umbd_loop *umbd_loops_idlest(struct umbd_server *server);
 struct umbd_loop *umbd_loop_after(struct umbd_loop *loop);
 
-/* A socket on its way to another loop. */
-struct umbd_handed {
-    struct umbd_handed *next;
-    int socket;
+/* A connected socket that is not a connection of a loop yet. */
+struct umbd_socket {
+    int fd;
     enum umbn_transport transport;
+    enum umbd_language language;
     uint32_t refusals; /* Number of loops that had no room for it */
 };
 
-/* Passes an accepted socket to another loop; closes it if memory is short. */
-void umbd_loop_hand(struct umbd_loop *to, int socket, enum umbn_transport transport,
-                    uint32_t refusals);
+/* A socket on its way to another loop. */
+struct umbd_handed {
+    struct umbd_handed *next;
+    struct umbd_socket socket;
+};
+
+/* Passes a socket to another loop; closes it if memory is short. */
+void umbd_loop_hand(struct umbd_loop *to, const struct umbd_socket *socket);
 
 /* Starts the drain of every other loop; a second call ends these loops at once. */
 void umbd_loops_drain(struct umbd_loop *from);

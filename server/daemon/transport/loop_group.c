@@ -126,7 +126,7 @@ static void take_orders(struct umbd_loop *loop)
     while (handed != NULL) {
         struct umbd_handed *next = handed->next;
         atomic_fetch_sub(&loop->load, 1);
-        umbd_conn_adopt(loop, handed->socket, handed->transport, handed->refusals);
+        umbd_conn_adopt(loop, &handed->socket);
         free(handed);
         handed = next;
     }
@@ -328,7 +328,7 @@ void umbd_loops_stop(struct umbd_server *server)
         umbd_listeners_close(loop);
         while (loop->handed != NULL) {
             struct umbd_handed *next = loop->handed->next;
-            close(loop->handed->socket);
+            close(loop->handed->socket.fd);
             free(loop->handed);
             loop->handed = next;
         }

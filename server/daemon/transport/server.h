@@ -3,7 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_SERVER_H
 /*
  * State that all loops share, and the tables of functions through which calls and daemon handle
- * events. The transport knows sockets, TLS and HTTP/2; the calls interpret the content of a stream.
+ * events. The transport knows sockets, TLS, HTTP/2 and heads of HTTP/1.1; the calls interpret the
+ * content of a stream.
  */
 #include <stdatomic.h>
 #include "common/log.h"
@@ -14,8 +15,15 @@
 
 struct umbd_call;
 struct umbd_conn;
+struct umbd_http1_request;
 struct umbd_loop;
 struct umbd_server;
+
+/* Protocol that a listener and its connections speak. */
+enum umbd_language {
+    UMBD_HTTP2 = 0, /* gRPC: --listen */
+    UMBD_HTTP1,     /* Assets: --http */
+};
 
 /* Events for the calls, all on the connection's loop. Events of a stream come from nghttp2's
  * callbacks, so their handlers only queue frames. */
@@ -37,6 +45,16 @@ struct umbd_call_events {
     /* Copies `count` bytes of the reply for sending. */
     void (*take_body)(struct umbd_call *call, uint8_t *to, size_t count);
     void (*close)(struct umbd_call *call);
+
+    /* A request of HTTP/1.1, whose texts are valid during the event. Returns its call, which may be
+     * answered already; NULL if memory or a budget is exhausted. _unsent returns the number of
+     * reply bytes that are ready to be sent. _is_over returns 1 once the reply is whole and sent.
+     * _find returns the connection's call with that number, or NULL. */
+    struct umbd_call *(*web_request)(struct umbd_conn *conn, int32_t number,
+                                     const struct umbd_http1_request *request);
+    size_t (*web_unsent)(const struct umbd_call *call);
+    int (*web_is_over)(const struct umbd_call *call);
+    struct umbd_call *(*web_find)(struct umbd_conn *conn, int32_t number);
 
     /* Events for all calls of a connection. _is_sending returns 1 if reply bytes wait. _tick checks
      * the timers and returns 0 if a header block takes too long. _pump continues with streams that

@@ -19,15 +19,20 @@ struct umbd_tls {
     atomic_uint generation;
 };
 
-static int select_h2(SSL *ssl, const unsigned char **out, unsigned char *out_size,
-                     const unsigned char *offered, unsigned offered_size, void *unused)
+/* Protocols of the sessions' listeners, as ALPN writes them. */
+static const unsigned char http2[] = {2, 'h', '2'};
+static const unsigned char http1[] = {8, 'h', 't', 't', 'p', '/', '1', '.', '1'};
+
+/* A session for HTTP/1.1 is marked by its application data. */
+static int select_protocol(SSL *ssl, const unsigned char **out, unsigned char *out_size,
+                           const unsigned char *offered, unsigned offered_size, void *unused)
 {
-    static const unsigned char h2[] = {2, 'h', '2'};
-    (void)ssl;
+    const int is_http1 = SSL_get_app_data(ssl) != NULL;
     (void)unused;
     unsigned char *chosen = NULL;
-    if (SSL_select_next_proto(&chosen, out_size, h2, sizeof h2, offered, offered_size) !=
-        OPENSSL_NPN_NEGOTIATED) {
+    if (SSL_select_next_proto(&chosen, out_size, is_http1 ? http1 : http2,
+                              is_http1 ? sizeof http1 : sizeof http2, offered,
+                              offered_size) != OPENSSL_NPN_NEGOTIATED) {
         return SSL_TLSEXT_ERR_ALERT_FATAL;
     }
     *out = chosen;
@@ -86,7 +91,7 @@ static enum umb_status make_context(const struct umbd_tls_files *files, SSL_CTX 
     SSL_CTX_set_options(context, SSL_OP_CIPHER_SERVER_PREFERENCE);
     /* Idle connections keep no record buffers. */
     SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
-    SSL_CTX_set_alpn_select_cb(context, select_h2, NULL);
+    SSL_CTX_set_alpn_select_cb(context, select_protocol, NULL);
     enum umb_status status = load_files(context, files, error);
     if (status != UMB_OK) {
         SSL_CTX_free(context);
@@ -164,13 +169,14 @@ int umbd_tls_admits(struct umbd_tls *tls, SSL *session, unsigned *generation)
     return admits;
 }
 
-SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation)
+SSL *umbd_tls_session(struct umbd_tls *tls, int is_http1, unsigned *generation)
 {
     pthread_mutex_lock(&tls->mutex);
     SSL *session = SSL_new(tls->context);
     *generation = atomic_load(&tls->generation);
     pthread_mutex_unlock(&tls->mutex);
-    if (session == NULL) {
+    if (session == NULL || (is_http1 && SSL_set_app_data(session, tls) != 1)) {
+        SSL_free(session);
         ERR_clear_error();
         return NULL;
     }

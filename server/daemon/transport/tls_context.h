@@ -3,7 +3,8 @@
 #define UMBRAGE_SERVER_DAEMON_TRANSPORT_TLS_CONTEXT_H
 /*
  * The server's certificate and key, and its rules for clients in addition to net/tls_rules.h: only
- * ALPN "h2" is accepted; with a client authority, a client also needs a certificate (mutual TLS).
+ * the listener's protocol is accepted (ALPN "h2", or "http/1.1"); with a client authority, a client
+ * also needs a certificate (mutual TLS).
  *
  * Threads: all functions from any thread; a session made before a reload keeps the old certificate.
  */
@@ -28,9 +29,9 @@ void umbd_tls_destroy(struct umbd_tls *tls);
 /* Reads the files again. On failure the earlier content stays in use. */
 UMB_CHECKED enum umb_status umbd_tls_reload(struct umbd_tls *tls, struct umb_error *error);
 
-/* Makes a server-side session; SSL_free it. Returns NULL if memory is short. Out: generation:
- * number of the reload whose files the session uses. */
-SSL *umbd_tls_session(struct umbd_tls *tls, unsigned *generation);
+/* Makes a server-side session; SSL_free it. Returns NULL if memory is short. In: is_http1: 1 = the
+ * session is for HTTP/1.1. Out: generation: number of the reload whose files the session uses. */
+SSL *umbd_tls_session(struct umbd_tls *tls, int is_http1, unsigned *generation);
 
 /* Returns a number that grows with every reload. The certificate of a session with a lower number
  * may no longer be accepted. Cost: one atomic read. */

@@ -134,15 +134,27 @@ static void analysis_drops_degenerates_and_finds_closed_parts(void **state)
     assert_int_equal(a.choice.lights[2].first_frustum, 2);
     assert_int_equal(a.frusta[2].light, 2);
 
-    double before[13][3][3];
+    double before[13][3][3], copy[13][3][3];
     memcpy(before, a.corners, sizeof before);
-    for (uint32_t i = 1; i < 3; i++) {
+    assert_true(a.keeps_corners); /* there is memory enough */
+    for (uint32_t i = 1; i < 5; i++) {
         struct umbb_voxel_casters voxels;
-        assert_int_equal(umbb_voxel_casters_make(&a, &s.view, i, SIZE_MAX, &voxels, &error),
+        const uint32_t frustum = i < 3 ? i : i - 2; /* the same frusta once more, without copies */
+        a.keeps_corners = i < 3;
+        assert_int_equal(umbb_voxel_casters_make(&a, &s.view, frustum, SIZE_MAX, &voxels, &error),
                          UMB_OK);
         assert_int_equal(voxels.casters.count, 13);
         assert_memory_not_equal(before, voxels.casters.corners, sizeof before);
-        assert_null(a.corners); /* moved out */
+        if (i < 3) {
+            assert_memory_equal(before, a.corners, sizeof before);
+        } else {
+            assert_null(a.corners); /* moved out */
+        }
+        if (frustum == 1 && i < 3) {
+            memcpy(copy, voxels.casters.corners, sizeof copy);
+        } else if (frustum == 1) {
+            assert_memory_equal(copy, voxels.casters.corners, sizeof copy);
+        }
         umbb_voxel_casters_finish(&voxels);
         assert_int_equal(umbb_analysis_need_corners(&a, &s.view, &error), UMB_OK);
         assert_memory_equal(before, a.corners, sizeof before);

@@ -113,8 +113,8 @@ static void a_right_asset_is_published_under_its_name(void **state)
     assert_int_not_equal(access(f->path, F_OK), 0); /* not yet */
     const struct umbb_check check = check_of(f);
     assert_int_equal(umbb_publish_check(&publish, &check, &error), UMB_OK);
-    assert_true(publish.verified.points > 10000);
-    assert_int_equal(publish.verified.outside_band, 0);
+    assert_true(publish.checked.verified.points > 10000);
+    assert_int_equal(publish.checked.verified.outside_band, 0);
     assert_int_equal(umbb_publish_commit(&publish, &error), UMB_OK);
     umbb_publish_abandon(&publish);
     assert_int_equal(access(f->path, F_OK), 0);

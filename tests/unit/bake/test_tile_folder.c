@@ -39,7 +39,8 @@ static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_
     struct umbb_depth depth;
     assert_int_equal(umbb_depth_raster_create(&casters, &depth_options, &depth, error), UMB_OK);
     struct umbb_tile_folder tile_folder;
-    assert_int_equal(umbb_tile_folder_open(&tile_folder, mode, folder, UINT64_MAX, error), UMB_OK);
+    assert_int_equal(umbb_tile_folder_open(&tile_folder, mode, folder, UINT64_MAX, 2, error),
+                     UMB_OK);
     const struct umbb_tile_shape shape = {
         .log2_size = soup_log2(soup), .tile_log2 = tile_log2, .occluder_depth = occluder_depth};
     umbb_tile_folder_frustum(&tile_folder, 0, &shape, &depth);
@@ -58,6 +59,7 @@ static struct kept_bake kept_occluder_depth(const struct soup *soup, int closed_
     uint32_t root = UMB__REF_LIT;
     umb__pool_init(&pool, NULL, options.octree_max_bytes);
     bake.status = umbb_bake_into(&depth, &options, &pool, &root, &bake.figures, error);
+    umbb_tile_folder_frustum_end(&tile_folder);
     bake.damaged = tile_folder.cache.damaged;
     if (octree != NULL) {
         memset(octree, 0, sizeof *octree);

@@ -87,7 +87,7 @@ static void fixture_open(struct fixture *f, uint32_t log2_size)
     f->content.curve = f->records;
     for (uint32_t light = 0; light < 2; light++) {
         uint32_t rows;
-        assert_int_equal(umb__curve_measure(&f->content, &f->octree, light, &points,
+        assert_int_equal(umb__curve_measure(&f->content, &f->octree, light, &points, NULL,
                                             f->records + f->content.curve_count, &rows, NULL),
                          UMB_OK);
         f->content.curve_count += rows;

@@ -142,6 +142,35 @@ static void box_without_a_triangle_is_open_and_its_neighbour_stays_closed(void *
     }
 }
 
+/* Four triangles meet at the common edge: the part is balanced, but no solid (umb-format.md). */
+static void boxes_that_share_an_edge_are_open(void **state)
+{
+    (void)state;
+    static const double low2[3] = {40.7, 50.7, 10.2}, high2[3] = {60.1, 60.3, 30.9};
+    struct fixture fixture;
+    fixture_init(&fixture);
+    add_box(&fixture, low, high, 0);
+    add_box(&fixture, low2, high2, 0);
+    assert_true(oracle_scene_find_closed(&fixture.scene));
+    for (int i = 0; i < 2 * BOX_TRIANGLES; i++) {
+        assert_int_equal(fixture.closed[i], 0);
+    }
+}
+
+static void triangle_without_area_opens_no_solid(void **state)
+{
+    (void)state;
+    struct fixture fixture;
+    fixture_init(&fixture);
+    add_box(&fixture, low, high, 0);
+    uint32_t *triangle = fixture.triangles[fixture.scene.triangle_count++];
+    triangle[0] = 0;
+    triangle[1] = triangle[2] = 1;
+    assert_true(oracle_scene_find_closed(&fixture.scene));
+    assert_int_equal(fixture.closed[0], 1);
+    assert_int_equal(fixture.closed[BOX_TRIANGLES], 0);
+}
+
 static void nearest_back_face_ends_overlapping_solids(void **state)
 {
     (void)state;
@@ -261,6 +290,8 @@ int main(void)
         cmocka_unit_test(mirrored_frame_keeps_fronts_and_backs),
         cmocka_unit_test(inward_box_is_no_closed_solid),
         cmocka_unit_test(box_without_a_triangle_is_open_and_its_neighbour_stays_closed),
+        cmocka_unit_test(boxes_that_share_an_edge_are_open),
+        cmocka_unit_test(triangle_without_area_opens_no_solid),
         cmocka_unit_test(nearest_back_face_ends_overlapping_solids),
         cmocka_unit_test(open_sheet_before_a_solid_closes_nothing),
         cmocka_unit_test(centres_on_edges_and_depths_on_centres_are_ties),

@@ -18,6 +18,7 @@
 #include "gen.h"
 #include "make_asset.h"
 #include "rays/verify.h"
+#include "rays/verify_squares.h"
 #include "rays/verify_light_frame.h"
 
 enum {
@@ -44,8 +45,9 @@ struct recipe {
     const struct world *world;
     const struct umbr_light_frame *light_frame;
     double towards[3];
-    int fill_inside; /* random answers inside closed solids, as the closed rule allows */
-    int planted;     /* wrong single voxels, one in each 16^3 block */
+    int fill_inside;      /* random answers inside closed solids, as the closed rule allows */
+    int planted;          /* wrong single voxels, one in each 16^3 block */
+    const uint8_t *known; /* [SIZE^3] answers to use, by x + SIZE * (y + SIZE * z); NULL: trace */
 };
 
 static struct world world;
@@ -64,6 +66,9 @@ static int voxel_lit(const void *user, uint32_t frustum, uint32_t x, uint32_t y,
     double point[3];
     int winding, crossings;
     (void)frustum;
+    if (recipe->known != NULL) {
+        return recipe->known[x + SIZE * (y + (size_t)SIZE * z)];
+    }
     assert_true(umbr_light_frame_world(recipe->light_frame, voxel, point));
     int lit = !umbr_occluded(recipe->world->rays, point, recipe->towards, 0, INFINITY);
     if (recipe->fill_inside && !lit) {
@@ -274,6 +279,111 @@ static void planted_wrong_voxels_are_outside_the_band(void **state)
     }
     umb_asset_close(asset);
     bytes_finish(&bytes);
+}
+
+/* Verifies the one square of an asset's frustum. */
+static struct umbr_squares_result verify_square(const struct umb_asset *asset,
+                                                const uint8_t *closed)
+{
+    static const struct umbr_square whole = {0, 0, 0};
+    const struct umbr_verify_options options = {.closed = closed};
+    struct umbr_squares_result result;
+    struct umb_error error = {0};
+    if (umbr_verify_squares(asset, 0, world.rays, &options, &whole, 1, &result, &error) != UMB_OK) {
+        fail_msg("squares: %s", error.message);
+    }
+    assert_false(result.gave_up);
+    return result;
+}
+
+static void a_faithful_square_has_nothing_outside_the_band(void **state)
+{
+    (void)state;
+    for (int closed = 0; closed <= 1; closed++) {
+        struct bytes bytes = {0};
+        struct umb_asset *asset =
+            make(sun, sun, (struct recipe){.fill_inside = closed}, closed, &bytes);
+        const struct umbr_squares_result result =
+            verify_square(asset, closed ? world.closed : NULL);
+        assert_int_equal(result.found.records, SIZE * SIZE);
+        assert_int_equal(result.found.outside_band, 0);
+        umb_asset_close(asset);
+        bytes_finish(&bytes);
+    }
+    /* The rays of another sun find it wrong. */
+    struct bytes bytes = {0};
+    struct umb_asset *asset = make(sun, other_sun, (struct recipe){0}, 0, &bytes);
+    assert_true(verify_square(asset, NULL).found.outside_band > 0);
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+}
+
+static uint8_t truth[SIZE * SIZE * SIZE];
+
+static size_t voxel_at(uint32_t x, uint32_t y, uint32_t z)
+{
+    return x + SIZE * (y + (size_t)SIZE * z);
+}
+
+/* 1 if rays from everywhere within two voxels of a voxel's centre say the same. */
+static int is_far_from_boundaries(const struct umbr_light_frame *light_frame, uint32_t x,
+                                  uint32_t y, uint32_t z)
+{
+    const double towards[3] = {-sun[0], -sun[1], -sun[2]};
+    for (int i = 0; i < 9 * 9 * 9; i++) {
+        const double voxel[3] = {x + 0.5 + 0.5 * (i % 9 - 4), y + 0.5 + 0.5 * (i / 9 % 9 - 4),
+                                 z + 0.5 + 0.5 * (i / 81 - 4)};
+        double point[3];
+        assert_true(umbr_light_frame_world(light_frame, voxel, point));
+        const int is_dark = umbr_occluded(world.rays, point, towards, 0, INFINITY);
+        if (is_dark == truth[voxel_at(x, y, z)]) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* The self-check of an edit stands on this: one wrong voxel of 262144, each time another. */
+static void every_single_wrong_voxel_is_found(void **state)
+{
+    (void)state;
+    struct bytes bytes = {0};
+    struct umbr_light_frame light_frame;
+    struct umb_asset *asset = make(sun, sun, (struct recipe){0}, 0, &bytes);
+    assert_int_equal(umbr_light_frame_init(&light_frame, asset, 0, NULL), UMB_OK);
+    const struct recipe recipe = {
+        .world = &world, .light_frame = &light_frame, .towards = {-sun[0], -sun[1], -sun[2]}};
+    for (uint32_t i = 0; i < SIZE * SIZE * SIZE; i++) {
+        truth[i] = (uint8_t)voxel_lit(&recipe, 0, i % SIZE, i / SIZE % SIZE, i / (SIZE * SIZE));
+    }
+    umb_asset_close(asset);
+    bytes_finish(&bytes);
+    int planted = 0, dark = 0;
+    for (uint32_t n = 0; planted < 100; n++) {
+        const uint32_t x = scatter(n, 1, 2) % SIZE, y = scatter(n, 3, 4) % SIZE;
+        const uint32_t z = scatter(n, 5, 6) % SIZE;
+        uint8_t *voxel = &truth[voxel_at(x, y, z)];
+        if ((*voxel && dark * 2 < planted) || !is_far_from_boundaries(&light_frame, x, y, z)) {
+            continue; /* half of them in shadow, of which there is less */
+        }
+        planted++;
+        dark += !*voxel;
+        *voxel ^= 1;
+        asset = make(sun, sun, (struct recipe){.known = truth}, 0, &bytes);
+        *voxel ^= 1;
+        const struct umbr_verify_result found = verify_square(asset, NULL).found;
+        assert_true(found.outside_band > 0);
+        double local[3], at[3];
+        for (int k = 0; k < 3; k++) {
+            local[k] = found.worst_point[k] - light_frame.origin[k];
+        }
+        assert_true(umbr_light_frame_voxel(&light_frame, local, at));
+        assert_true(floor(at[0]) == x && floor(at[1]) == y && floor(at[2]) == z);
+        umb_asset_close(asset);
+        bytes_finish(&bytes);
+        bytes = (struct bytes){0};
+    }
+    assert_true(dark >= 40 && dark <= 60);
 }
 
 static struct umbr_verify_result verify_question(const struct umb_asset *asset,
@@ -515,6 +625,8 @@ int main(void)
         cmocka_unit_test(faithful_asset_has_nothing_outside_the_band),
         cmocka_unit_test(closed_asset_is_judged_outside_its_solids_only),
         cmocka_unit_test(planted_wrong_voxels_are_outside_the_band),
+        cmocka_unit_test(a_faithful_square_has_nothing_outside_the_band),
+        cmocka_unit_test(every_single_wrong_voxel_is_found),
         cmocka_unit_test(segments_columns_and_boxes_are_held_against_rays),
         cmocka_unit_test(asset_of_another_light_is_found_out),
         cmocka_unit_test(result_does_not_depend_on_threads_but_on_the_seed),

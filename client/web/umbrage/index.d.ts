@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+/**
+ * Shadow queries on umbrage assets in browsers, workers and node.
+ *
+ *     const asset = await umbrage.open("https://host/city.umb", { id });
+ *     await asset.want({ camera: { eye: [1, 1.7, 1], target: [100, 1.7, 9], fov_y: 1 } });
+ *     const { values, exact } = await asset.query(points, { taps: 9 });
+ *
+ * Lengths are metres, angles radians, points x y z in world space. Settings have the names of
+ * struct umb_query_settings and struct umb_partial_view (umbrage/query.h, umbrage/partial.h).
+ * Failures are UmbrageError.
+ */
+
+export type Triple = readonly [number, number, number];
+
+/** Bytes of a packed file (.umb). */
+export interface Source {
+  /** Reads a byte range; shorter only at the end of the file. */
+  read(offset: number, length: number, signal?: AbortSignal): Promise<Uint8Array>;
+  /** Number of reads at a time; 1 by default. */
+  parallel?: number;
+  close?(): unknown;
+}
+
+export interface OpenOptions {
+  /** Id that the asset must have, 64 hexadecimal digits; without it the server chooses the asset. */
+  id?: string;
+  /** Most bytes for pages, their layout and working memory; 256 MiB by default. Pages that matter least are dropped. */
+  memory?: number;
+  /** HTTP headers, such as Authorization. */
+  headers?: Record<string, string>;
+  signal?: AbortSignal;
+  /** The module or its address, where a bundler moves files; by default umbrage.wasm beside the package's files. */
+  wasm?: WebAssembly.Module | string | URL;
+}
+
+export interface Camera {
+  eye: Triple;
+  /** Point that the camera looks at; or `forward`. */
+  target?: Triple;
+  forward?: Triple;
+  /** Upward direction; 0, 1, 0 by default. */
+  up?: Triple;
+  /** Angle of the picture's height. */
+  fov_y: number;
+  /** Width of the picture divided by its height; 1 by default. */
+  aspect?: number;
+  /** Distance from the eye; 0, the default: no limit. */
+  far_m?: number;
+}
+
+/** Points that later queries ask about, and how exactly. Without box and camera: all. */
+export interface View {
+  /** Number or name of a light; all lights by default. */
+  light?: number | string;
+  /** Lowest and highest corner. */
+  box?: readonly [Triple, Triple];
+  camera?: Camera;
+  /** Edge of cells that need no finer pages; 0: exact. */
+  max_error_m?: number;
+  /** Angle at the eye of cells that need no finer pages; 0: exact. */
+  max_error_rad?: number;
+  /** Widest window of later queries; 17 by default. */
+  taps?: number;
+  /** Length by which the longest bias of later queries exceeds the automatic one. */
+  bias_m?: number;
+}
+
+export interface WantOptions {
+  /** Bytes to read before it stops; 0: no limit. */
+  max_bytes?: number;
+  /** Bytes of a round, about; 0: a quarter of the bytes held, at least 512 KiB. */
+  round_bytes?: number;
+  signal?: AbortSignal;
+  /** Called after each round; a true result stops. */
+  progress?(held: Held): unknown;
+}
+
+/** What of an asset is held, and what it cost. */
+export interface Held {
+  pages: number;
+  pages_held: number;
+  asset_bytes: number;
+  held_bytes: number;
+  memory_bytes: number;
+  memory_peak_bytes: number;
+  pages_dropped: number;
+  builds: number;
+  blocks: number;
+  blocks_held: number;
+  received_bytes: number;
+  requests: number;
+  rounds: number;
+  pages_received: number;
+  /** Bytes of the WebAssembly memory. */
+  module_bytes: number;
+}
+
+export type Format = "f32" | "u8" | "bit";
+
+export interface QuerySettings {
+  /** Number or name of a light; 0 by default. */
+  light?: number | string;
+  /** Width of the window in texels: odd, 1 to 17. */
+  taps?: number;
+  filter?: "box" | "tent" | "gaussian" | "penumbra" | "footprint";
+  /** "auto", "none", or a length in bias_unit. */
+  bias?: "auto" | "none" | number;
+  bias_unit?: "metres" | "voxels";
+  format?: Format;
+  footprint_m?: number;
+  level?: number;
+  light_extent?: number;
+  opaque_only?: boolean;
+  eye?: Triple;
+  pixel_rad?: number;
+  /** Added to every point. */
+  origin?: Triple;
+  /** A normal for each point, of any length. */
+  normals?: Float32Array;
+  /** Width of the footprint of each point. */
+  footprints?: Float32Array;
+  /** false: pages that inexact points need are not noted for `want()` without a view. */
+  want?: boolean;
+  /** true: the answers have low, high and error_m. */
+  bounds?: boolean;
+}
+
+export interface Answers<Values = Float32Array> {
+  /** Share of light, 0 shadowed to 1 lit: floats, bytes 0 to 255, or bits (point i is bit i % 8 of byte i / 8). */
+  values: Values;
+  /** 1 where the answer is that of the whole asset, bit for bit. */
+  exact: Uint8Array;
+  exact_count: number;
+  /** An answer is true, or a true shadow boundary is at most this far from the point; 0: no bound is stated. */
+  bound: number;
+  /** Widest edge of the missing cubes; 0 where all is exact. */
+  worst_error_m: number;
+  /** With `bounds`: limits of the whole asset's answer, and edges of the missing cubes. */
+  low?: Float32Array;
+  high?: Float32Array;
+  error_m?: Float32Array;
+  stats: Record<"points" | "outside" | "before" | "behind" | "facing_away" | "undefined" | "nodes" | "bricks", number>;
+}
+
+export interface Light {
+  name: string;
+  kind: "directional" | "spot" | "point" | "rectangle" | "disc" | "unknown";
+  direction: number[];
+  position: number[];
+  extent: number;
+  /** Voxels a side of its first frustum. */
+  voxels: number;
+  frusta: number;
+}
+
+export interface Info {
+  id: string;
+  lights: Light[];
+  origin: number[];
+  /** Lowest and highest corner of the casters' box. */
+  bounds: [number[], number[]];
+}
+
+/** An open asset. Calls may overlap: `want` calls run one after the other, queries use the pages of the moment. */
+export class Asset {
+  readonly info: Info;
+  /** Fetches the pages that views need; without a view those that queries missed. Each page is proven. */
+  want(views?: View | readonly View[], options?: WantOptions): Promise<Held>;
+  /** Answers points: three numbers a point. Many points are answered in turns, so that a page stays responsive. */
+  query(points: Float32Array | Float64Array, settings?: QuerySettings & { format?: "f32" }): Promise<Answers>;
+  query(points: Float32Array | Float64Array, settings: QuerySettings & { format: "u8" | "bit" }):
+    Promise<Answers<Uint8Array>>;
+  held(): Held;
+  /** Frees the asset. */
+  close(): Promise<void>;
+}
+
+export class UmbrageError extends Error {
+  /** Name of a status of umbrage/status.h, such as "E_CORRUPT". */
+  readonly code: string;
+}
+
+/**
+ * Opens an asset: reads its head and its coarse pages.
+ *
+ * @param where an address (in node also a file's path), a Blob or File, bytes, or a source
+ */
+export function open(where: string | URL | Blob | ArrayBuffer | Uint8Array | Source, options?: OpenOptions):
+  Promise<Asset>;

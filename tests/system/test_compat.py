@@ -1,0 +1,63 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""
+Released versions: their files, ids, answers, messages, options, metrics and C interface (tests/compat) are this build's
+too. The comparison itself is tested on a record of this build, which it accepts whole and refuses with each part changed.
+"""
+import json
+import os
+import re
+import shutil
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.join(HERE, "..", "harness"), os.path.join(HERE, "..", "compat")]
+import compat  # noqa: E402
+import umbrage_test as ut  # noqa: E402
+
+ut.need_grpc()
+if shutil.which("protoc") is None:
+    ut.skip("protoc is not installed")
+test = ut.Test()
+versions = sorted(name for name in os.listdir(os.path.join(HERE, "..", "compat")) if re.fullmatch(r"\d+\.\d+\.\d+", name))
+if not versions:
+    ut.left_out("files of released versions", "no version is released yet; `tests/compat/compat.py record tests/compat/1.0.0` "
+                "makes the files of 1.0.0")
+for version in versions:
+    with test.check(f"what {version} promised is kept"):
+        found = list(compat.problems(os.path.join(HERE, "..", "compat", version), test))
+        assert not found, found
+
+OWN = test.path("own")
+with test.check("a record of this build is accepted, and is small enough for the tree"):
+    os.makedirs(OWN)
+    compat.record(OWN, test)
+    assert list(compat.problems(OWN, test)) == []
+    size = sum(os.path.getsize(os.path.join(place, name)) for place, _, names in os.walk(OWN) for name in names)
+    assert size < 512 << 10, size
+
+
+def changed(name, change):
+    """Findings when a file of the record is changed by change(bytes)."""
+    place = test.path("changed")
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(OWN, place)
+    compat.write(change(compat.read(place, name)), place, name)
+    return list(compat.problems(place, test))
+
+
+with test.check("each part is compared: one change in it is one finding of its kind"):
+    ids = json.loads(compat.read(OWN, "ids.json"))
+    for name, change, kind in (
+            ("assets/sun.umb", lambda data: data[:-1], "format"), ("answers/lamp-taps9.f32", lambda data: b"\0\0\0\x40" + data[4:], "answers"),
+            ("ids.json", lambda data: data.replace(b'"220,60"', b'"221,60"'), "ids"),
+            ("messages/boxes.reply", lambda data: data[:-1] + bytes([data[-1] ^ 1]), "wire"),
+            ("messages/query.request", lambda data: data.replace(b"sun", b"sum"), "wire"),
+            ("options.tsv", lambda data: data.replace(b"--resolution", b"--resolutions", 1), "options"),
+            ("metrics.txt", lambda data: data.replace(b"umbrage_queries_total counter", b"umbrage_queries_total gauge"), "metrics"),
+            ("abi.txt", lambda data: data.replace(b"umb_query_run", b"umb_query_walk"), "API")):
+        found = changed(name, change)
+        assert found and any(one.startswith(kind) for one in found), (name, found)
+        assert all(one.startswith((kind, "wire")) for one in found), (name, found)
+
+test.finish()
