@@ -120,7 +120,7 @@ enum {
  * (docs/results/paging.md has the effects of other sizes). Pages are larger in octrees that share
  * many nodes: if copies take more than COPIES_MAX times the bytes of the nodes. */
 #define UMB__PAGE_BYTES        7168U
-#define UMB__PAGE_BYTES_SHARED 28672U
+#define UMB__PAGE_BYTES_SHARED 98304U
 #define UMB__PAGE_COPIES_MAX   2.0
 #define UMB__CANONICAL_MAX     (64U << 20)
 #define UMB__INFO_MAX          (1U << 20)

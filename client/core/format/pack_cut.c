@@ -11,7 +11,6 @@
 #include "base/memory.h"
 #include "base/try.h"
 #include "format/layout.h"
-#include "format/value_set.h"
 
 #define CUT_LOWEST  (UMB_LEVEL_BRICK + 2U) /* Lowest level whose nodes may be cut */
 #define LINK_BYTES  2U                     /* Estimated bytes of a child in another page */
@@ -19,12 +18,23 @@
 #define JOB_NODES   4096U /* Nodes of one level that a helper takes at a time */
 #define HELPERS_MAX 64U
 
-#define COARSE 0x8000U /* Flag of a sum */
+#define COARSE 0x80000000U /* Flag of a sum */
+
+/* A node takes at least 2 of a page's bytes, so slots for that many nodes are at most half full. A
+ * page and the piece that does not fit any more have at most twice the bytes of a page. */
+#define SLOTS_LOG2_MIN 14U
+
+/* Place of the number of the page in a slot: levels have 5 bits, numbers of nodes 32. */
+#define MET_PAGE ((uint64_t)1 << 37)
 
 /* Working memory of one helper. */
 struct cutter {
-    struct umb__value_set met; /* Nodes of the open page: level and number */
-    uint64_t page_bytes;       /* Estimated bytes of all pages cut so far */
+    /* [1 << slots_log2] The nodes of the open page, by open addressing: number of the page, level,
+     * number of the node. Slots of earlier pages are free, so that no page clears them. */
+    uint64_t *slots;
+    unsigned slots_log2;
+    uint64_t page;       /* Number of the open page times MET_PAGE */
+    uint64_t page_bytes; /* Estimated bytes of all pages cut so far */
 };
 
 struct cutting {
@@ -33,7 +43,7 @@ struct cutting {
     const struct umb__pack_survey *survey;
     /* [count of the level] For levels 4 and up, a bound of the bytes of each node's piece, below
      * COARSE, and COARSE if the piece is coarse. */
-    uint16_t *sums[UMB_LEVEL_MAX + 1];
+    uint32_t *sums[UMB_LEVEL_MAX + 1];
     struct cutter cutters[HELPERS_MAX];
     unsigned helpers;
     uint32_t level; /* Level that the helpers cut */
@@ -50,8 +60,17 @@ static uint32_t children_of(const struct cutting *c, uint32_t level, uint32_t no
 /* Adds a node to the open page. Returns false if the page has it already. */
 static bool meet(struct cutter *cutter, uint32_t level, uint32_t node)
 {
-    const size_t before = cutter->met.count;
-    return umb__value_set_add(&cutter->met, (uint64_t)level << 32 | node) == before;
+    const uint64_t key = cutter->page | (uint64_t)level << 32 | node;
+    const size_t last = ((size_t)1 << cutter->slots_log2) - 1;
+    size_t at = (size_t)(((key & (MET_PAGE - 1)) * 0x9e3779b97f4a7c15ULL) >>
+                         (64 - cutter->slots_log2));
+    for (; cutter->slots[at] >= cutter->page; at = (at + 1) & last) {
+        if (cutter->slots[at] == key) {
+            return false;
+        }
+    }
+    cutter->slots[at] = key;
+    return true;
 }
 
 /* Adds a node's piece to the open page. Returns the estimated bytes that this adds. The depth of
@@ -76,10 +95,14 @@ static uint32_t add_piece(const struct cutting *c, struct cutter *cutter, uint32
     return bytes;
 }
 
-/* Begins a page. A page and the piece that does not fit any more have at most 2 * page_bytes. */
-static bool begin_page(const struct cutting *c, struct cutter *cutter)
+/* Begins a page. */
+static void begin_page(struct cutter *cutter)
 {
-    return umb__value_set_begin(&cutter->met, c->cuts->alloc, 2 * (size_t)c->cuts->page_bytes);
+    cutter->page += MET_PAGE;
+    if (cutter->page == 0) { /* The numbers are used up: the slots must be cleared once */
+        memset(cutter->slots, 0, sizeof *cutter->slots << cutter->slots_log2);
+        cutter->page = MET_PAGE;
+    }
 }
 
 static uint32_t sum_of(const struct cutting *c, uint32_t level, uint32_t node)
@@ -110,7 +133,7 @@ static void divide(const struct cutting *c, struct cutter *cutter, uint32_t leve
         }
         uint32_t more = page > 0 ? add_piece(c, cutter, level - 1, children[i]) : 0;
         if (page == 0 || page + more > c->cuts->page_bytes) {
-            (void)begin_page(c, cutter);
+            begin_page(cutter);
             division->part_count++;
             division->bytes += page;
             page = 0;
@@ -180,7 +203,7 @@ static void cut_node(const struct cutting *c, struct cutter *cutter, uint32_t le
         c->cuts->parts[level][node] = division.parts;
     }
     cutter->page_bytes += division.bytes;
-    c->sums[level][node] = (uint16_t)bytes;
+    c->sums[level][node] = bytes;
 }
 
 /* Cuts some of the level's nodes. */
@@ -225,7 +248,7 @@ static void cut_roots(struct cutting *c)
         }
         uint32_t more = page > 0 ? add_piece(c, cutter, root->level, root->index) : 0;
         if (page == 0 || page + more > cuts->page_bytes) {
-            (void)begin_page(c, cutter);
+            begin_page(cutter);
             cutter->page_bytes += page;
             page = 0;
             more = add_piece(c, cutter, root->level, root->index);
@@ -256,6 +279,27 @@ static bool allocate(struct cutting *c)
     return complete;
 }
 
+/* Makes room for the nodes of pages of page_bytes. */
+static bool begin_cutters(struct cutting *c, uint32_t page_bytes)
+{
+    const struct umb_alloc *alloc = c->cuts->alloc;
+    unsigned log2 = SLOTS_LOG2_MIN;
+    while (((size_t)1 << log2) < 2 * (size_t)page_bytes) {
+        log2++;
+    }
+    for (unsigned i = 0; i < c->helpers; i++) {
+        umb__free(alloc, c->cutters[i].slots);
+        c->cutters[i] = (struct cutter){
+            .slots = umb__alloc_zeroed(alloc, (size_t)1 << log2, sizeof(uint64_t)),
+            .slots_log2 = log2,
+        };
+        if (!c->cutters[i].slots) {
+            return false;
+        }
+    }
+    return true;
+}
+
 /* Cuts the octree into pages of at most page_bytes. */
 static enum umb_status cut_all(struct cutting *c, const struct umb_workers *workers,
                                uint32_t page_bytes, struct umb_error *error)
@@ -263,11 +307,8 @@ static enum umb_status cut_all(struct cutting *c, const struct umb_workers *work
     struct umb__pack_cuts *cuts = c->cuts;
     uint64_t once = 0, bytes = 0;
     cuts->page_bytes = page_bytes;
-    for (unsigned i = 0; i < c->helpers; i++) {
-        c->cutters[i].page_bytes = 0;
-        if (!begin_page(c, &c->cutters[i])) {
-            return umb__pack_no_memory(error);
-        }
+    if (!begin_cutters(c, page_bytes)) {
+        return umb__pack_no_memory(error);
     }
     cut_levels(c, workers);
     cut_roots(c);
@@ -306,7 +347,7 @@ enum umb_status umb__pack_cut(const struct umb__octree *octree,
         umb__free(alloc, c->sums[level]);
     }
     for (unsigned i = 0; i < c->helpers; i++) {
-        umb__value_set_finish(&c->cutters[i].met, alloc);
+        umb__free(alloc, c->cutters[i].slots);
     }
     umb__free(alloc, c);
     return status;

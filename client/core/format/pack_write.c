@@ -8,7 +8,6 @@
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
-#include <zstd_errors.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
@@ -17,14 +16,7 @@
 #include "format/canonical.h"
 #include "format/directory.h"
 #include "format/pack_cut.h"
-
-/*
- * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as many
- * matches as large ones. zstd's level 6 would save 5 % and take three times as long
- * (docs/results/bakes.md). Compression is outside the identity, so it may change.
- */
-#define TABLE_LOG2     12
-#define SHORTEST_MATCH 4
+#include "format/page_compress.h"
 
 /* Most pages of a file: differences of their numbers have 32 bits. */
 #define PAGES_MAX ((uint32_t)INT32_MAX)
@@ -125,18 +117,14 @@ static enum umb_status compress_page(const struct writer *w, struct worker *work
                                      size_t *stored_length)
 {
     const struct umb__page_encoder *e = &worker->encoder;
-    const size_t bound = ZSTD_compressBound(e->raw_size);
+    const size_t bound = umb__page_compress_bound(e);
     if (!make_room(w->alloc, worker, bound)) {
         return no_memory(&worker->error);
     }
     struct chunk *chunk = worker->chunks;
     uint8_t *stored = chunk->bytes + chunk->used;
-    const size_t length = ZSTD_compress2(worker->zstd, stored, bound, e->raw, e->raw_size);
-    if (ZSTD_isError(length)) {
-        const bool memory = ZSTD_getErrorCode(length) == ZSTD_error_memory_allocation;
-        return umb_fail(&worker->error, memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
-                        "packing: zstd: %s", ZSTD_getErrorName(length));
-    }
+    size_t length = 0;
+    UMB__TRY(umb__page_compress(worker->zstd, e, stored, &length, &worker->error));
     w->made[page].stored = stored;
     chunk->used += length;
     *stored_length = length;
@@ -243,34 +231,12 @@ static void round_job(void *user, uint32_t job, unsigned number)
     encode_pages(user, job, number);
 }
 
-/* Makes a zstd context. */
-static ZSTD_CCtx *compressor_create(void)
-{
-    const struct {
-        ZSTD_cParameter name;
-        int value;
-    } settings[] = {
-        {ZSTD_c_compressionLevel, 1},
-        {ZSTD_c_strategy, ZSTD_fast},
-        {ZSTD_c_hashLog, TABLE_LOG2},
-        {ZSTD_c_minMatch, SHORTEST_MATCH},
-    };
-    ZSTD_CCtx *zstd = ZSTD_createCCtx();
-    for (size_t i = 0; zstd && i < sizeof settings / sizeof settings[0]; i++) {
-        if (ZSTD_isError(ZSTD_CCtx_setParameter(zstd, settings[i].name, settings[i].value))) {
-            ZSTD_freeCCtx(zstd);
-            zstd = NULL;
-        }
-    }
-    return zstd;
-}
-
 static enum umb_status create_workers(struct writer *w)
 {
     w->workers = umb__alloc_zeroed(w->alloc, w->worker_count, sizeof *w->workers);
     bool complete = w->workers != NULL;
     for (unsigned i = 0; complete && i < w->worker_count; i++) {
-        w->workers[i].zstd = compressor_create();
+        w->workers[i].zstd = umb__page_compressor();
         complete = w->workers[i].zstd != NULL;
     }
     return complete ? UMB_OK : no_memory(w->error);

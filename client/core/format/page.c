@@ -258,10 +258,24 @@ static uint8_t *reserve(struct writer *w, size_t most)
     return e->raw + e->raw_size;
 }
 
+/* Notes that a part of the page begins at `at`. */
+static void begin_part(const struct writer *w, const uint8_t *at)
+{
+    w->e->parts[w->e->part_count++] = (size_t)(at - w->e->raw);
+}
+
 /* Counts the bytes written up to `end` as part of the page. */
 static void keep(struct writer *w, const uint8_t *end)
 {
     w->e->raw_size = (size_t)(end - w->e->raw);
+}
+
+/* Writes the first `count` references as a list: two parts, the lowest bytes and the bits above. */
+static void write_list(struct writer *w, uint8_t *at, size_t count, unsigned high_bits)
+{
+    begin_part(w, at);
+    begin_part(w, at + count);
+    keep(w, umb__put_list(at, w->e->references, count, high_bits));
 }
 
 /* Distance in nodes or children at which memory is prefetched. */
@@ -473,11 +487,13 @@ static void write_nodes(struct writer *w, const struct umb__pack_page *page, uin
     if (!at) {
         return;
     }
+    begin_part(w, at);
     at = umb__put_number(at, (uint32_t)w->e->other_count);
     at = put_others(w, at);
+    begin_part(w, at);
     const size_t written = put_masks(w, level, at);
     at += 2 * nodes;
-    keep(w, umb__put_list(at, w->e->references, written, high_bits));
+    write_list(w, at, written, high_bits);
 }
 
 /* Divides the page's bricks into runs of equal slices, and finds the leaf of each run: the mask of
@@ -543,13 +559,16 @@ static void write_bricks(struct writer *w)
     if (!at) {
         return;
     }
+    begin_part(w, at);
     at = umb__put_number(at, (uint32_t)table->count);
+    begin_part(w, at + table->count);
     at = put_leaves(table, at);
+    begin_part(w, at);
     memcpy(at, e->runs, bricks);
     for (size_t i = 0; i < count; i++) {
         e->references[i] = table->rank[e->references[i]];
     }
-    keep(w, umb__put_list(at + bricks, e->references, count, high_bits));
+    write_list(w, at + bricks, count, high_bits);
 }
 
 /* Encodes the levels in turn, into a place behind the counts, which are known at the end only. */
@@ -588,6 +607,9 @@ static void write_head(struct writer *w, const uint32_t counts[UMB_LEVEL_MAX + 1
     memmove(w->e->raw + size, w->e->raw, w->e->raw_size);
     memcpy(w->e->raw, head, size);
     w->e->raw_size += size;
+    for (size_t i = 0; i < w->e->part_count; i++) {
+        w->e->parts[i] += size;
+    }
 }
 
 enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
@@ -598,6 +620,7 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
     uint32_t counts[UMB_LEVEL_MAX + 1] = {0};
     encoder->raw_size = encoder->cut_count = encoder->other_count = 0;
     encoder->link_count = encoder->node_count = 0;
+    encoder->part_count = 0;
     begin_page(&w, page);
     write_levels(&w, page, counts);
     write_head(&w, counts);

@@ -205,11 +205,17 @@ struct umb__node_ref {
     uint32_t index; /* Number in the octree */
 };
 
+#define UMB__PAGE_PARTS_MAX (4U * UMB_LEVEL_MAX)
+
 /* Memory for encoding pages, kept from one page to the next. Start zeroed. */
 struct umb__page_encoder {
     uint8_t *raw; /* [raw_size] Bytes of the page encoded last */
     size_t raw_size, raw_capacity;
     uint32_t node_count; /* Number of nodes and bricks in that page */
+    /* Offsets in `raw` of the page's parts: of each level the nodes in other pages, masks, and
+     * references; leaves, their rows, runs, leaf numbers. A list has two parts. */
+    size_t parts[UMB__PAGE_PARTS_MAX];
+    size_t part_count;
     /* The page's cut nodes in the order of their links: a link for each page of each cut node. */
     struct umb__node_ref *cuts; /* [cut_count] */
     size_t cut_count, cuts_capacity;
