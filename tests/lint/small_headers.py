@@ -14,6 +14,7 @@ LINES = 40  # a header below this is small
 KEPT = {
     "client/cli/cli_bundle.h": "finds the files that a scene names",
     "client/cli/cli_http.h": "ranges of a file from a web server; the only user of curl",
+    "client/core/format/page_compress.h": "compression, which a build for the web leaves out",
     "client/load/load_histogram.h": "latencies in buckets; tested alone",
     "client/load/load_metrics.h": "reads the daemon's metrics during a load test",
     "client/web/module/web_sha256.h": "SHA-256; tested alone",

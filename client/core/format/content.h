@@ -103,13 +103,8 @@ struct umb__pack_job {
     /* Called every few pages, on any of the threads; nonzero ends the call with E_CANCELLED. May be
      * NULL. */
     int (*cancelled)(void);
-    struct umb__pack_figures *figures; /* Result; NULL: not wanted */
-};
-
-/* Figures about the pages of a packed file. */
-struct umb__pack_figures {
-    double
-        copies; /* Estimated bytes of all pages, over those of the nodes, each once. At least 1 */
+    uint32_t page_bytes; /* Most estimated bytes of a page; 0: what the format page says. Readers
+                            take any */
 };
 
 /* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the

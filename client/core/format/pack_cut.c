@@ -62,8 +62,8 @@ static bool meet(struct cutter *cutter, uint32_t level, uint32_t node)
 {
     const uint64_t key = cutter->page | (uint64_t)level << 32 | node;
     const size_t last = ((size_t)1 << cutter->slots_log2) - 1;
-    size_t at = (size_t)(((key & (MET_PAGE - 1)) * 0x9e3779b97f4a7c15ULL) >>
-                         (64 - cutter->slots_log2));
+    size_t at =
+        (size_t)(((key & (MET_PAGE - 1)) * 0x9e3779b97f4a7c15ULL) >> (64 - cutter->slots_log2));
     for (; cutter->slots[at] >= cutter->page; at = (at + 1) & last) {
         if (cutter->slots[at] == key) {
             return false;
@@ -324,8 +324,8 @@ static enum umb_status cut_all(struct cutting *c, const struct umb_workers *work
 
 enum umb_status umb__pack_cut(const struct umb__octree *octree,
                               const struct umb__pack_survey *survey,
-                              const struct umb_workers *workers, struct umb__pack_cuts *cuts,
-                              struct umb_error *error)
+                              const struct umb_workers *workers, uint32_t page_bytes,
+                              struct umb__pack_cuts *cuts, struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;
     *cuts = (struct umb__pack_cuts){.octree = octree, .alloc = alloc};
@@ -339,8 +339,9 @@ enum umb_status umb__pack_cut(const struct umb__octree *octree,
     c->survey = survey;
     c->helpers = workers ? workers->count : 1;
     enum umb_status status = allocate(c) ? UMB_OK : umb__pack_no_memory(error);
-    status = status == UMB_OK ? cut_all(c, workers, UMB__PAGE_BYTES, error) : status;
-    if (status == UMB_OK && cuts->copies > UMB__PAGE_COPIES_MAX) {
+    const uint32_t first = page_bytes > 0 ? page_bytes : UMB__PAGE_BYTES;
+    status = status == UMB_OK ? cut_all(c, workers, first, error) : status;
+    if (status == UMB_OK && page_bytes == 0 && cuts->copies > UMB__PAGE_COPIES_MAX) {
         status = cut_all(c, workers, UMB__PAGE_BYTES_SHARED, error);
     }
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {

@@ -363,7 +363,8 @@ static enum umb_status make_pages(struct writer *w)
     const struct umb__octree *octree = w->job->octree;
     w->worker_count = w->job->workers ? w->job->workers->count : 1;
     UMB__TRY(umb__pack_survey(octree, &w->survey, w->error));
-    UMB__TRY(umb__pack_cut(octree, &w->survey, w->job->workers, &w->cuts, w->error));
+    UMB__TRY(
+        umb__pack_cut(octree, &w->survey, w->job->workers, w->job->page_bytes, &w->cuts, w->error));
     UMB__TRY(begin_pages(w));
     UMB__TRY(create_workers(w));
     return make_rounds(w);
@@ -612,9 +613,6 @@ enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID
     umb__free(w.alloc, w.pages);
     umb__free(w.alloc, w.made);
     umb__free(w.alloc, w.entries);
-    if (job->figures != NULL) {
-        job->figures->copies = w.cuts.copies;
-    }
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(w.alloc, w.first_page[level]);
     }

@@ -232,10 +232,10 @@ static uint32_t compare_cuts(const struct umb__octree *octree, const struct umb_
     assert_int_equal(umb__pack_survey(octree, &survey, NULL), UMB_OK);
     uint64_t bytes = slow_cut(&s, 7168);
     if (bytes > 2 * once_bytes(&s)) {
-        bytes = slow_cut(&s, 28672);
+        bytes = slow_cut(&s, 98304);
         ++*shared;
     }
-    assert_int_equal(umb__pack_cut(octree, &survey, workers, &cuts, NULL), UMB_OK);
+    assert_int_equal(umb__pack_cut(octree, &survey, workers, 0, &cuts, NULL), UMB_OK);
     assert_int_equal(cuts.page_bytes, s.page);
     for (uint32_t level = 4; level < LEVELS; level++) {
         for (uint32_t i = 0; i < octree->level[level].count; i++) {

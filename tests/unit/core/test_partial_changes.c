@@ -24,30 +24,47 @@ static struct umb_box cube_at(const double *low, double side)
                             {low[0] + side, low[1] + side, low[2] + side}};
 }
 
-/* An asset of partial_scene. */
-static struct bytes scene_file(uint32_t log2_size, uint32_t frusta)
+/* An asset of partial_scene. In: page_bytes: most estimated bytes of a page; 0: as packed. */
+static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, uint32_t page_bytes)
 {
     const struct voxels voxels = {partial_scene, NULL, log2_size, frusta};
-    return make_packed(&voxels, 0.25, fixture_origin);
+    struct bytes file = {0};
+    struct umb_sink sink = bytes_sink(&file);
+    struct umb__octree octree;
+    struct umb__content content;
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&voxels, &octree);
+    make_content(&voxels, 0.25, fixture_origin, &content);
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = &test_digest,
+                                      .sink = &sink,
+                                      .page_bytes = page_bytes};
+    if (umb__pack_run(&job, id, &error) != UMB_OK) {
+        fail_msg("%s", error.message);
+    }
+    umb__octree_finish(&octree);
+    return file;
 }
 
 static struct subject subject_of(unsigned number)
 {
     static const double zero[3] = {0, 0, 0};
     static const struct deep deep[] = {
-        {13, 1, 8, 7},
-        {20, 40, 8, 1},
-        {19, 700, 3, 3},
-        {14, 1500, 4, 9},
+        {13, 1, 8, 7, 32},
+        {20, 40, 8, 1, 1024},
+        {19, 150, 3, 3, 0},
+        {14, 300, 4, 9, 0},
     };
     const struct umb_box scene = cube_at(fixture_origin, 70);
     switch (number) {
     case 0:
-        return (struct subject){"two lights", scene_file(8, 2), scene, 2};
+        return (struct subject){"two lights", scene_file(8, 2, 0), scene, 2};
     case 1:
-        return (struct subject){"one light", scene_file(8, 1), scene, 1};
+        return (struct subject){"small pages", scene_file(8, 1, 1024), scene, 1};
     case 2:
-        return (struct subject){"six lights", scene_file(7, 6), scene, 6};
+        return (struct subject){"six lights", scene_file(7, 6, 0), scene, 6};
     case 3: {
         const double low[3] = {spot_eye[0] - 20, spot_eye[1] - 20, spot_eye[2]};
         return (struct subject){"spot", spot_file(), cube_at(low, 40), 1};
