@@ -195,8 +195,10 @@ static int report(const struct umb_job_status *status, const char *plan, bool as
         umb_id_to_text(status->asset, id);
         (void)printf(quiet ? "%s\n" : "asset       %s\n", id);
         if (!quiet) {
-            (void)printf("job         %s: done in %.1f s\n", status->job,
-                         1e-3 * (double)(status->ended_ms - status->submitted_ms));
+            /* Both are times of the daemon's calendar, which may have been set back in between. */
+            const double seconds = 1e-3 * ((double)status->ended_ms - (double)status->submitted_ms);
+            (void)printf("job         %s: done", status->job);
+            (void)(seconds >= 0 ? printf(" in %.1f s\n", seconds) : puts(""));
             if (status->tiles_total > 0) {
                 (void)printf("tiles       %" PRIu64 ", of them %" PRIu64 " as baked before\n",
                              status->tiles_total, status->tiles_found);
