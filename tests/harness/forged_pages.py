@@ -155,15 +155,16 @@ def spoil(whole, rng):
     replace_page(data, page, raw)
     at = entry_at(data, page) + 32
     data[at:at + 32] = hashlib.sha256(raw).digest()
-    canonical = struct.unpack_from("<Q", data, 32)[0]
-    table = HEAD + canonical
     hashes = b""
-    for first in range(0, pages, BLOCK_PAGES):
-        entries = (entry_at(data, number) + 32 for number in range(first, min(first + BLOCK_PAGES, pages)))
-        block = hashlib.sha256(b"".join(data[each:each + 32] for each in entries)).digest()
-        at = table + BLOCK_ENTRY * (first // BLOCK_PAGES) + 8
-        data[at:at + 32] = block
-        hashes += block
-    data[48:80] = hashlib.sha256(data[HEAD:table] + hashes).digest()
+    for block in range((pages + BLOCK_PAGES - 1) // BLOCK_PAGES):
+        begin, length = block_at(data, block)
+        entries = [entry_at(data, number) for number in range(BLOCK_PAGES * block, min(BLOCK_PAGES * (block + 1), pages))]
+        content = b"".join(data[each + 32:each + 64] for each in entries)
+        content += b"".join(data[each + 26:each + 28] for each in entries)  # lengths of the links
+        content += data[begin + PAGE_ENTRY * len(entries):begin + length]
+        at = table_at(data, block) + 16
+        data[at:at + 32] = hashlib.sha256(content).digest()
+        hashes += data[at:at + 32]
+    data[48:80] = hashlib.sha256(data[HEAD:table_at(data, 0)] + hashes).digest()
     seal(data)
     return bytes(data)
