@@ -6,7 +6,8 @@ PROTO_SRC := $(sort $(wildcard proto/umbrage/v1/*.proto)) proto/grpc/health/v1/h
 	proto/grpc/reflection/v1/reflection.proto
 PROTO_GEN_C := $(PROTO_SRC:proto/%.proto=$(BUILD)/gen/%.pb-c.c)
 PROTO_GEN_O := $(PROTO_GEN_C:.c=.o)
-WIRE_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/wire/*.c))) $(PROTO_GEN_O) $(BUILD)/gen/descriptor_set.o
+WIRE_C_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/grpc/*.c proto/wire/*.c)))
+WIRE_OBJ := $(WIRE_C_OBJ) $(PROTO_GEN_O) $(BUILD)/gen/descriptor_set.o
 WIRE_LIB := $(BUILD)/libumbrage-wire.a
 WIRE_LIBS := -lprotobuf-c -lz
 
@@ -36,7 +37,7 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) -Wno-conversion -Wno-shadow -I$(BUILD)/gen -c $< -o $@
 
-$(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/wire/*.c))): | $(PROTO_GEN_C)
+$(WIRE_C_OBJ): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
 # Addresses and TLS: part of the client library and of the daemon.
 NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/net/*.c)))

@@ -251,20 +251,26 @@ mutants-short: ## a handful of them
 
 -include tests/coverage/coverage.mk
 
-test: deps ## everything but `races`: lint, units, system, interop, ASan (docs/explained/testing.md)
+test: deps ## everything but sanitizers: lint, units, system, interop, faults (docs/explained/testing.md)
 	@$(MAKE) --no-print-directory -j$(CORES) lint release-needs
-	@$(MAKE) --no-print-directory -j2 release-tests asan-needs
-	@$(MAKE) --no-print-directory asan-short
+	@$(MAKE) --no-print-directory -j2 release-tests $(BESIDE)
 
-races: deps ## the tests that can start a thread, and a serving daemon, under TSan: three minutes
-	@$(MAKE) --no-print-directory -j$(CORES) tsan-needs
-	@$(MAKE) --no-print-directory tsan-short
+memory races: %: deps
+	@$(MAKE) --no-print-directory -j$(CORES) $(SANITIZER_$*)-needs
+	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory $(BUILD_$(SANITIZER_$*)) sanitize-one
+memory: ## unit tests, past crashers and a serving daemon under ASan with UBSan: four minutes
+races: ## the tests that can start a thread, and a serving daemon, under TSan: three minutes
 
-# The sanitizer's build runs beside tests, which leave processors idle while they wait.
+# Builds for sanitizers. CI makes those of its later parts beside `make test` (BESIDE), whose tests leave
+# processors idle while they wait.
+SANITIZER_memory := asan
+SANITIZER_races := tsan
+BUILD_asan := config=asan warn=
+BUILD_tsan := config=tsan warn=
 asan-needs tsan-needs: %-needs:
-	@nice $(MAKE) --no-print-directory config=$* warn= say= sanitize-needs
-asan-short tsan-short: %-short:
-	@UMBRAGE_SHORT=1 $(MAKE) --no-print-directory config=$* warn= sanitize-one
+	@nice $(MAKE) --no-print-directory $(BUILD_$*) say= sanitize-needs
+clang-needs:
+	@if $(HAS_FUZZER); then nice $(MAKE) --no-print-directory $(FUZZ_CLANG) say= sanitize-needs; fi
 
 layers: $(PROGRAMS) ## prove the include rules, and that no files or folders call each other in a circle
 	@/usr/bin/python3 tests/lint/layers.py
@@ -283,7 +289,7 @@ lint: ## banned functions, names, lengths
 format: ## lay out all sources with clang-format
 	git ls-files '*.c' '*.h' | xargs clang-format -i
 
-.PHONY: unit check volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs asan-short tsan-short races release-needs release-tests test layers lint tidy prose-sample format
+.PHONY: unit check memory volume-queries partial-changes accuracy system sanitize sanitize-needs sanitize-one asan-needs tsan-needs clang-needs races release-needs release-tests test layers lint tidy prose-sample format
 
 # Tests of the wire library look at generated code.
 $(patsubst %.c,$(BUILD)/%.o,$(wildcard tests/unit/wire/*.c)): | $(PROTO_GEN_C)

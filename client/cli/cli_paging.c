@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 
 #include "cli_http.h"
+#include "tool/base.h"
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/clock.h"
@@ -347,13 +348,8 @@ static enum umb_status add_step(struct stream *s, struct umb_region *region, dou
     if (s->o.points.list.count > 0) {
         UMB__TRY(ask_points(&s->o.points, region, &s->o.settings, false, &step.figures, &s->error));
     }
-    if (s->step_count == s->step_capacity) {
-        s->step_capacity = s->step_capacity ? 2 * s->step_capacity : 64;
-        struct step *steps = realloc(s->steps, s->step_capacity * sizeof *steps);
-        if (!steps) {
-            return umb_fail(&s->error, UMB_E_NO_MEMORY, "out of memory");
-        }
-        s->steps = steps;
+    if (!umb__grow(NULL, &s->steps, &s->step_capacity, s->step_count + 1, sizeof *s->steps)) {
+        return umb_fail(&s->error, UMB_E_NO_MEMORY, "out of memory");
     }
     s->steps[s->step_count++] = step;
     if (!s->o.quiet && !s->o.json) {

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "cli/shared/cli_common.h"
+#include "tool/base.h"
 #include "tool/keys.h"
 #include "tool/tool_try.h"
 
@@ -70,14 +71,9 @@ enum umb_status umbc_read_path(const char *path, double aspect, char up,
         if (line[0] == '\0' || line[0] == '#') {
             continue;
         }
-        if (views->count == capacity) {
-            capacity = capacity ? 2 * capacity : 64;
-            struct umb_partial_view *list = realloc(views->list, capacity * sizeof *list);
-            if (!list) {
-                status = umb_fail(error, UMB_E_NO_MEMORY, "path: out of memory");
-                break;
-            }
-            views->list = list;
+        if (!umb__grow(NULL, &views->list, &capacity, views->count + 1, sizeof *views->list)) {
+            status = umb_fail(error, UMB_E_NO_MEMORY, "path: out of memory");
+            break;
         }
         views->list[views->count] = *base;
         if (!umbc_parse_camera(line, aspect, up, &views->list[views->count++])) {

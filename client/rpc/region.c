@@ -33,6 +33,53 @@ struct umb_region {
     uint32_t first_item[ROUND_ITEMS_MAX]; /* Number of each range's first block or page */
 };
 
+/* Reads one range by read_at. In and out: buffer: the bytes, allocated again if they do not fit. */
+static enum umb_status read_range(const struct umb_region_source *source,
+                                  const struct umb_range *range, uint8_t **buffer, size_t *size,
+                                  struct umb_error *error)
+{
+    const size_t length = (size_t)range->length;
+    uint8_t *bytes = range->length <= SIZE_MAX ? realloc(*buffer, length) : NULL;
+    if (!bytes) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
+                        (unsigned long long)range->length);
+    }
+    *buffer = bytes;
+    *size = 0;
+    for (size_t got = 1; got > 0 && *size < length; *size += got) {
+        const size_t left = length - *size;
+        got = 0;
+        UMB__TRY(
+            source->read_at(source->user, range->offset + *size, bytes + *size, left, &got, error));
+        if (got > left) {
+            return umb_fail(error, UMB_E_PROTOCOL, "region: the source read %zu bytes of %zu", got,
+                            left);
+        }
+    }
+    return UMB_OK;
+}
+
+/* Reads ranges by the source's read or read_at. */
+static enum umb_status read_ranges(const struct umb_region_source *source,
+                                   const struct umb_range *ranges, size_t count, umb_range_fn got,
+                                   void *got_user, struct umb_error *error)
+{
+    uint8_t *buffer = NULL;
+    enum umb_status status = UMB_OK;
+    if (source->read) {
+        return source->read(source->user, ranges, count, got, got_user, error);
+    }
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        size_t size = 0;
+        status = read_range(source, &ranges[i], &buffer, &size, error);
+        if (status == UMB_OK) {
+            status = got(got_user, i, buffer, size);
+        }
+    }
+    free(buffer);
+    return status;
+}
+
 /* The front of the file. */
 struct front {
     uint8_t *bytes;
@@ -66,7 +113,7 @@ static enum umb_status read_front(struct umb_region *region, struct front *front
     front->capacity = (size_t)length;
     region->requests++;
     region->rounds++;
-    return region->source.read(region->source.user, &range, 1, take_front, front, error);
+    return read_ranges(&region->source, &range, 1, take_front, front, error);
 }
 
 /* Adds the pages that the first read contains. Pages beyond the memory budget stay missing. */
@@ -134,6 +181,9 @@ static enum umb_status make_region(const struct umb_region_source *source,
     if (UMB__UNKNOWN(source, "source", error) ||
         (options && UMB__UNKNOWN(options, "options", error))) {
         return UMB_E_ARGUMENT;
+    }
+    if (!source->read && !source->read_at) {
+        return umb_fail(error, UMB_E_ARGUMENT, "source: give read or read_at");
     }
     *out = calloc(1, sizeof **out);
     if (!*out) {
@@ -328,8 +378,8 @@ static enum umb_status run_round(struct umb_region *region, uint64_t bytes, stru
     join_items(round, ITEM_PAGE, pages, count);
     region->requests += round->ranges;
     region->rounds++;
-    return region->source.read(region->source.user, region->ranges, round->ranges, take_range,
-                               round, round->error);
+    return read_ranges(&region->source, region->ranges, round->ranges, take_range, round,
+                       round->error);
 }
 
 static enum umb_status want_views(struct umb_region *region,
@@ -380,6 +430,9 @@ static enum umb_status check_source(struct umb_region *region, struct umb_error 
 enum umb_status umb_region_update(struct umb_region *region,
                                   const struct umb_region_request *request, struct umb_error *error)
 {
+    static const struct umb_partial_view all_lights = {.light = UINT32_MAX};
+    static const struct umb_region_request whole = {.views = &all_lights, .view_count = 1};
+    request = request ? request : &whole;
     if (UMB__UNKNOWN(request, "request", error)) {
         return UMB_E_ARGUMENT;
     }

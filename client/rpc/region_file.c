@@ -8,47 +8,18 @@
 
 #include "umbrage/region.h"
 
-static enum umb_status read_range(int file, const struct umb_range *range, uint8_t **buffer,
-                                  size_t *got, struct umb_error *error)
+static enum umb_status read_file(void *user, uint64_t offset, void *bytes, size_t size, size_t *got,
+                                 struct umb_error *error)
 {
-    uint8_t *bytes = realloc(*buffer, (size_t)range->length);
-    if (!bytes) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
-                        (unsigned long long)range->length);
+    ssize_t count;
+    do {
+        count = pread(*(const int *)user, bytes, size, (off_t)offset);
+    } while (count < 0 && errno == EINTR);
+    if (count < 0) {
+        return umb_fail_errno(error, UMB_E_IO, errno, "region: reading the file");
     }
-    *buffer = bytes;
-    *got = 0;
-    while (*got < range->length) {
-        const ssize_t count =
-            pread(file, bytes + *got, (size_t)range->length - *got, (off_t)(range->offset + *got));
-        if (count < 0 && errno == EINTR) {
-            continue;
-        }
-        if (count < 0) {
-            return umb_fail_errno(error, UMB_E_IO, errno, "region: reading the file");
-        }
-        if (count == 0) {
-            break;
-        }
-        *got += (size_t)count;
-    }
+    *got = (size_t)count;
     return UMB_OK;
-}
-
-static enum umb_status read_ranges(void *user, const struct umb_range *ranges, size_t count,
-                                   umb_range_fn got, void *got_user, struct umb_error *error)
-{
-    uint8_t *buffer = NULL;
-    enum umb_status status = UMB_OK;
-    for (size_t i = 0; i < count && status == UMB_OK; i++) {
-        size_t size = 0;
-        status = read_range(*(const int *)user, &ranges[i], &buffer, &size, error);
-        if (status == UMB_OK) {
-            status = got(got_user, i, buffer, size);
-        }
-    }
-    free(buffer);
-    return status;
 }
 
 enum umb_status umb_region_file_open(const char *path, struct umb_region_source *source,
@@ -73,7 +44,7 @@ enum umb_status umb_region_file_open(const char *path, struct umb_region_source 
         free(file);
         return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file", path);
     }
-    *source = (struct umb_region_source){.read = read_ranges, .user = file};
+    *source = (struct umb_region_source){.read_at = read_file, .user = file};
     return UMB_OK;
 }
 

@@ -77,6 +77,9 @@ static enum umb_status encode(const char *asset, const struct umb_derive_setting
     if (settings->cascades.count > 0) {
         UMB__TRY(umb__map_view_make(settings->camera, &request.view, error));
     }
+    if (settings->map.access != UMB_MAP_MIPS) { /* the only one that the message tells */
+        request.settings.map.access = UMB_MAP_BASE;
+    }
     return umbw_encode_derive_request(&request, body, error);
 }
 

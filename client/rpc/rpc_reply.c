@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/utf8.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 void umb__reply_init(struct umb__reply *reply, size_t max_message)
 {

@@ -17,7 +17,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "umbrage/status.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #define UMB__HEADER_BYTES_MAX 65536 /* names and values of one reply; nghttp2 has no such limit */
 

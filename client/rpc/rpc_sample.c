@@ -27,8 +27,8 @@ static enum umb_status decode(void *out, const uint8_t *message, size_t size,
         return umb_fail(error, UMB_E_PROTOCOL, "points_f64: %zu points, %u were asked for",
                         reply.sample.count, wanted->count);
     }
-    if (reply.points.size > 0) {
-        memcpy(wanted->positions, reply.points.at, reply.points.size);
+    if (reply.sample.count > 0) {
+        memcpy(wanted->positions, reply.points, reply.sample.count * UMBW_SAMPLE_POINT_BYTES);
     }
     if (!umb__all_finite(wanted->positions, 3 * reply.sample.count)) {
         return umb_fail(error, UMB_E_PROTOCOL, "points_f64: not all numbers are finite");

@@ -14,7 +14,7 @@
 
 #include <stdio.h>
 #include <string.h>
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "umbrage/version.h"
 
 #define WINDOW_BYTES   (64 << 20)

@@ -26,13 +26,12 @@ struct umbw_bundle_file {
 };
 
 struct umbw_manifest {
-    const char *scene;
+    const char *scene; /* Decoder: begins the memory that holds files, settings and texts */
     struct umbw_bundle_file *files;
     size_t file_count;
     struct umb_job_setting *settings;
     size_t setting_count;
     int priority;
-    void *owned; /* Decoder: memory that holds files, settings and texts */
 };
 
 /* One message of Submit: a manifest, or data. */

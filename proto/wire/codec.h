@@ -14,8 +14,10 @@
  * | repeated number                | array of 8-byte numbers; with a stride: any distance apart |
  * | string                         | char[], NUL-terminated; or char *                          |
  * | bytes                          | uint8_t[] of that exact length; or a pointer into the      |
- * |                                | message, with the length as the row's count                |
- * | repeated bytes                 | pointer to `stride` bytes each; the decoder gives the last |
+ * |                                | message, with the length as the row's count, in records of |
+ * |                                | `stride` bytes if there is a stride                        |
+ * | repeated bytes                 | pointer to `stride` bytes each; the decoder gives the      |
+ * |                                | last. Without a stride: as bytes, for one element          |
  * | message                        | struct at its place                                        |
  * | repeated message               | pointer to an array; or arrays in the parent's struct, if  |
  * |                                | the message has no struct (size 0)                         |
@@ -44,8 +46,9 @@
 #define UMBW_TABLE_SOUND ((uint64_t)1 << UMBW_ROWS_MAX) /* Bit of a table that was checked */
 
 enum umbw_row_flags {
-    UMBW_REQUIRED = 1, /* Text must not be empty; bytes or sub-message must be present */
-    UMBW_FILLED = 2,   /* char * or enum with `values`: set if the field is absent, too */
+    UMBW_REQUIRED = 1, /* Text must not be empty; bytes or sub-message must be present; number: 1 to
+                          `most` */
+    UMBW_FILLED = 2,   /* Pointer, or enum with `values`: set if the field is absent, too */
     UMBW_CHECKED =
         4,           /* Text: the encoder checks UTF-8 too. Enum: only values of the .proto file are
                         valid */
@@ -66,7 +69,7 @@ struct umbw_row {
     size_t count, count_size; /* Place and bytes of the member for the number of elements or bytes;
                                  for a single field it is set to 1 if the field is present.
                                  count_size 0: no such member */
-    size_t stride;            /* Distance of elements in bytes; 0: none */
+    size_t stride;            /* Distance of elements, or length of records, in bytes; 0: none */
     double most;              /* Largest number, most elements, or most bytes of a single
                                  sub-message, all its pieces together; 0: no limit */
     const struct umbw_table *table; /* Table of a sub-message */
@@ -91,34 +94,29 @@ struct umbw_table {
      * before the first use. */
     atomic_uint_fast64_t *bits;
     const char *prefix; /* Beginning of the fields' names in errors: "lights." */
-    size_t size;        /* Bytes of the struct */
-    /* Place in the struct of the pointer that the caller frees, to the memory of arrays and texts.
-     * block_size 0: the struct has no such memory. */
-    size_t block, block_size;
+    size_t size;        /* Bytes of the struct; 0: the members are in the parent's struct */
 };
 
-#define UMBW_BLOCK(type, member)                                                                   \
-    .block = offsetof(struct type, member), .block_size = sizeof(((struct type *)0)->member)
-
-/* Defines a table. The last arguments are the struct's size in bytes, and UMBW_BLOCK for a struct
- * with a pointer to be freed. */
-#define UMBW_TABLE(name, message, row_array, field_prefix, ...)                                    \
-    _Static_assert(UMBW_ROW_COUNT(row_array) <= UMBW_ROWS_MAX,                                     \
+/* Defines a table of rows that have a name. */
+#define UMBW_TABLE_OF(name, message, field_prefix, struct_size, row_array)                         \
+    _Static_assert(sizeof(row_array) / sizeof((row_array)[0]) <= UMBW_ROWS_MAX,                    \
                    #row_array " has more rows than UMBW_ROWS_MAX: the decoder needs more bits");   \
     static atomic_uint_fast64_t name##_BITS;                                                       \
-    static const struct umbw_table name = {.descriptor = &message##__descriptor,                   \
-                                           .rows = row_array,                                      \
-                                           .row_count = UMBW_ROW_COUNT(row_array),                 \
-                                           .bits = &name##_BITS,                                   \
-                                           .prefix = field_prefix,                                 \
-                                           .size = __VA_ARGS__}
-#define UMBW_ROW_COUNT(row_array) (sizeof(row_array) / sizeof((row_array)[0]))
+    static const struct umbw_table name = {                                                        \
+        &message##__descriptor, row_array,    sizeof(row_array) / sizeof((row_array)[0]),          \
+        &name##_BITS,           field_prefix, struct_size}
+
+/* Defines a table. The last arguments are its rows, in braces. */
+#define UMBW_TABLE(name, message, field_prefix, struct_size, ...)                                  \
+    UMBW_ROWS(name##_ROWS, __VA_ARGS__);                                                           \
+    UMBW_TABLE_OF(name, message, field_prefix, struct_size, name##_ROWS)
+#define UMBW_ROWS(name, ...) static const struct umbw_row name[] = {__VA_ARGS__}
 
 /*
  * Decodes a message into a struct.
  *
- * Out:   out: the struct; zeros on failure. Its pointers lead into the message, or into a block
- *        that the caller frees.
+ * Out:   out: the struct; zeros on failure. Its pointers lead into the message, or into a block of
+ *        memory that begins with the first array or text of the table. The caller frees that one.
  * Fails: E_ARGUMENT (not the message, or a field out of its limits), E_TOO_LARGE, E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *message,
@@ -137,19 +135,21 @@ UMB_CHECKED enum umb_status umbw_decode_new(const struct umbw_table *table, cons
 UMB_CHECKED enum umb_status umbw_encode(const struct umbw_table *table, const void *in,
                                         struct umbw_buffer *buffer, struct umb_error *error);
 
-/* Defines a table, and the functions that UMBW_MESSAGE (messages.h) declares. The last arguments
- * are those of UMBW_TABLE. */
-#define UMBW_CODEC(name, type, table, message_name, row_array, ...)                                \
-    UMBW_TABLE(table, message_name, row_array, "", __VA_ARGS__);                                   \
+/* Defines the functions that UMBW_MESSAGE (messages.h) declares, for messages that need no more
+ * than their table. */
+#define UMBW_CODEC(name, type, table)                                                              \
     enum umb_status umbw_decode_##name(const uint8_t *message, size_t size, type *out,             \
                                        struct umb_error *error)                                    \
     {                                                                                              \
-        return umbw_decode(&table, message, size, out, error);                                     \
+        return umbw_decode(&(table), message, size, out, error);                                   \
     }                                                                                              \
+    UMBW_ENCODER(name, type, table)
+
+#define UMBW_ENCODER(name, type, table)                                                            \
     enum umb_status umbw_encode_##name(const type *in, struct umbw_buffer *buffer,                 \
                                        struct umb_error *error)                                    \
     {                                                                                              \
-        return umbw_encode(&table, in, buffer, error);                                             \
+        return umbw_encode(&(table), in, buffer, error);                                           \
     }
 
 /* Writes the prefix and the message, except for bytes that the caller appends itself. If bytes is

@@ -3,8 +3,8 @@
  * The decoder of all messages, see codec.h.
  *
  * It passes over a message twice: a scan notes the count and the last occurrence of each field,
- * then each row decodes its field. Messages with arrays and texts are first read without a struct,
- * which checks them and counts the bytes of their block. A second read fills the block.
+ * then each row decodes its field. The first read checks a message and counts the bytes of its
+ * arrays and texts. If there are any, a second read fills their block.
  */
 #include "wire/codec.h"
 
@@ -31,6 +31,7 @@ struct found {
 struct decoder {
     uint8_t *block; /* Memory for arrays and texts; NULL: they are only counted */
     size_t used;    /* Bytes of the block in use */
+    bool has_block; /* The message has arrays or texts */
     size_t nested;  /* Number of fields of sub-messages so far */
     size_t unknown; /* Number of fields that their tables do not have */
     struct umb_error *error;
@@ -304,6 +305,7 @@ static void *grab(struct decoder *decoder, size_t size, size_t alignment)
     decoder->used = (decoder->used + alignment - 1) / alignment * alignment;
     void *at = decoder->block != NULL ? decoder->block + decoder->used : NULL;
     decoder->used += size;
+    decoder->has_block = true;
     return at;
 }
 
@@ -353,6 +355,9 @@ static enum umb_status take_number(const struct slot *slot, uint64_t bits, size_
         break;
     case PROTOBUF_C_TYPE_INT32:
     case PROTOBUF_C_TYPE_UINT32:
+        if ((row->flags & UMBW_REQUIRED) && (narrow == 0 || narrow > (uint32_t)row->most)) {
+            return REFUSE(slot, "%u, must be 1 to %.0f", narrow, row->most);
+        }
         if (row->most > 0 && bits > (uint64_t)row->most) {
             return REFUSE(slot, "%llu is over %.0f", (unsigned long long)bits, row->most);
         }
@@ -466,14 +471,19 @@ static enum umb_status take_bytes(const struct slot *slot)
     const struct umbw_row *row = slot->row;
     const struct found *found = slot->found;
     const bool in_place = row->size == sizeof found->bytes;
-    const size_t exact = in_place ? row->stride : row->size;
+    const bool repeated = row->stride > 0 && slot->field->label == PROTOBUF_C_LABEL_REPEATED;
+    const size_t exact = !in_place ? row->size : repeated ? row->stride : 0;
+    const size_t each = row->stride > 0 ? row->stride : 1;
     const bool empty = found->size == 0 && row->stride == 0 && !(row->flags & UMBW_REQUIRED);
     if (exact > 0 && found->size != exact && !empty) {
         return REFUSE(slot, "length is %zu bytes, must be %zu", found->size, exact);
     }
+    if (found->size % each != 0) {
+        return REFUSE(slot, "length is %zu bytes, must be a multiple of %zu", found->size, each);
+    }
     if (in_place) {
         store(slot, row->offset, &found->bytes, sizeof found->bytes);
-        store_count(slot, row->stride > 0 ? found->count : found->size);
+        store_count(slot, repeated ? found->count : found->size / each);
     } else if (found->size > 0) {
         store(slot, row->offset, found->bytes, found->size);
         store_count(slot, 1);
@@ -613,40 +623,39 @@ static inline struct span whole(const uint8_t *message, size_t size)
     return (struct span){.start = start, .at = start, .end = start + size};
 }
 
-/* Decodes a message with arrays or texts. In: head: number of bytes at the start of the block,
- * before the arrays and texts. out: the struct; NULL: the struct is at the start of the block. Out:
- * block: the caller frees it, on failure too. */
-static enum umb_status decode_block(const struct umbw_table *table, const struct span *span,
-                                    void *out, size_t head, uint8_t **block,
-                                    struct umb_error *error)
+/* Decodes a message. In: out: the struct; NULL: it is at the start of the block. Out: block: the
+ * caller frees it, on failure too. */
+static enum umb_status decode(const struct umbw_table *table, const uint8_t *message, size_t size,
+                              void *out, uint8_t **block, struct umb_error *error)
 {
-    struct decoder decoder = {.used = head, .error = error};
+    static const uint8_t nothing;
+    const uint8_t *start = size > 0 ? message : &nothing;
+    const struct span whole = {.start = start, .at = start, .end = start + size};
+    const size_t head = out == NULL ? table->size : 0;
+    struct decoder decoder = {.used = head, .has_block = out == NULL, .error = error};
     *block = NULL;
-    UMB__TRY(decode_struct(&decoder, table, span, NULL, 0));
+    UMB__TRY(decode_struct(&decoder, table, &whole, out, 0));
+    if (!decoder.has_block) {
+        return UMB_OK;
+    }
     *block = calloc(1, decoder.used + 1);
     if (*block == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "out of memory for a %s of %zu bytes",
-                        table->descriptor->name, (size_t)(span->end - span->start));
+                        table->descriptor->name, size);
     }
     decoder = (struct decoder){.block = *block, .used = head, .error = error};
-    return decode_struct(&decoder, table, span, out != NULL ? out : *block, 0);
+    return decode_struct(&decoder, table, &whole, out != NULL ? out : *block, 0);
 }
 
 enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *message, size_t size,
                             void *out, struct umb_error *error)
 {
-    const struct span span = whole(message, size);
-    struct decoder decoder = {.error = error};
-    uint8_t *block = NULL;
+    uint8_t *block;
     memset(out, 0, table->size);
-    enum umb_status status = table->block_size > 0
-                                 ? decode_block(table, &span, out, 0, &block, error)
-                                 : decode_struct(&decoder, table, &span, out, 0);
+    const enum umb_status status = decode(table, message, size, out, &block, error);
     if (status != UMB_OK) {
         memset(out, 0, table->size);
         free(block);
-    } else if (block != NULL) {
-        memcpy((uint8_t *)out + table->block, &block, sizeof block);
     }
     return status;
 }
@@ -654,9 +663,8 @@ enum umb_status umbw_decode(const struct umbw_table *table, const uint8_t *messa
 enum umb_status umbw_decode_new(const struct umbw_table *table, const uint8_t *message, size_t size,
                                 void **out, struct umb_error *error)
 {
-    const struct span span = whole(message, size);
     uint8_t *block;
-    enum umb_status status = decode_block(table, &span, NULL, table->size, &block, error);
+    const enum umb_status status = decode(table, message, size, NULL, &block, error);
     if (status != UMB_OK) {
         free(block);
         block = NULL;

@@ -157,6 +157,12 @@ static inline uint64_t wire_number(struct sink *sink, const struct slot *slot, u
                                                : (uint64_t)(int64_t)(int32_t)(uint32_t)bits;
     case PROTOBUF_C_TYPE_BOOL:
         return bits != 0;
+    case PROTOBUF_C_TYPE_UINT32:
+        if ((slot->row->flags & UMBW_REQUIRED) && (bits == 0 || (double)bits > slot->row->most)) {
+            (void)REFUSE(sink, slot, UMB_E_ARGUMENT, "%lu, must be 1 to %.0f", (unsigned long)bits,
+                         slot->row->most);
+        }
+        return bits;
     default:
         return bits;
     }
@@ -267,17 +273,18 @@ static void put_blob(struct sink *sink, const struct slot *slot)
     const struct umbw_row *row = slot->row;
     const bool in_place = row->size == sizeof(uint8_t *);
     const uint8_t *bytes = in_place ? load_pointer(slot) : slot->in + row->offset;
+    const size_t each = row->stride > 0 ? row->stride : 1;
     if (row->flags & UMBW_LAST) {
         put_tag(sink, slot, UMBW_WIRE_BYTES);
         put_varint(sink, slot->count);
         sink->last += slot->count;
-    } else if (row->stride > 0) {
+    } else if (row->stride > 0 && slot->field->label == PROTOBUF_C_LABEL_REPEATED) {
         for (size_t i = 0; i < slot->count; i++) {
             put_piece(sink, slot, sink->bytes != NULL ? bytes + i * row->stride : NULL,
                       row->stride);
         }
     } else {
-        put_piece(sink, slot, bytes, in_place ? slot->count : row->size);
+        put_piece(sink, slot, bytes, in_place ? slot->count * each : row->size);
     }
 }
 
@@ -358,7 +365,7 @@ static void put_struct(struct sink *sink, const struct umbw_table *table, const 
     for (unsigned left = table->descriptor->n_fields; left > 0; left--) {
         if (is_number(slot.field)) {
             const uint64_t bits = load_number(&slot);
-            if (bits != 0 || slot.row->values != NULL) {
+            if (bits != 0 || slot.row->values != NULL || slot.row->flags & UMBW_REQUIRED) {
                 put_number(sink, &slot, bits);
             }
         } else {

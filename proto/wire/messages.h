@@ -73,10 +73,10 @@ void umbw_prefix_write(uint64_t message_size, uint8_t bytes[UMBW_PREFIX_BYTES]);
     UMB_CHECKED enum umb_status umbw_encode_##name(const type *in, struct umbw_buffer *buffer,     \
                                                    struct umb_error *error)
 
-/* Bytes within a message. */
-struct umbw_bytes {
-    const uint8_t *at;
-    size_t size;
+/* Records within a message, each of a length that the field has. */
+struct umbw_records {
+    const void *at;
+    size_t count;
 };
 
 struct umbw_query_request {
@@ -95,8 +95,9 @@ struct umbw_query_request {
     const uint8_t *targets_at, *targets_end; /* Place where umbw_query_target_next continues */
     /* The points as the message stores them; the codec converts between these fields and
      * `points`. */
-    struct umbw_bytes f32, f64, normals, footprints, depth;
-    size_t eye_count; /* Numbers of settings.eye: 3 or 0 */
+    struct umbw_records f32, f64, depth;
+    struct umbw_records normals, footprints; /* of one byte each */
+    size_t eye_count;                        /* Numbers of settings.eye: 3 or 0 */
 };
 
 /* One light of one asset. */
@@ -158,7 +159,7 @@ struct umbw_sample_request {
 
 struct umbw_sample_reply {
     struct umb_sample sample; /* Sample of sample.count points */
-    struct umbw_bytes points; /* double[3 * count], any alignment; the encoder ignores the size */
+    const uint8_t *points;    /* double[3 * sample.count], any alignment */
 };
 
 UMBW_MESSAGE(describe_request, struct umbw_describe_request);
@@ -205,17 +206,9 @@ UMB_CHECKED enum umb_status umbw_decode_query_reply(const uint8_t *message, size
                                                     struct umbw_query_reply *reply,
                                                     struct umb_error *error);
 
-/*
- * Appends the start of a reply: the prefix and the message up to `visibility`, its last field. The
- * caller sends the answers from their own memory. All lengths already include the answers. Fails:
- * E_TOO_LARGE, E_NO_MEMORY.
- */
-UMB_CHECKED enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
-                                                         struct umbw_buffer *buffer,
-                                                         struct umb_error *error);
-
-/* Writes the start of a reply into uint8[room]; room: at least umbw_query_reply_room(reply).
- * Returns the number of bytes written. */
+/* Writes the start of a reply, the prefix and the message up to `visibility`, its last field, into
+ * uint8[room]; room: at least umbw_query_reply_room(reply). The caller sends the answers from their
+ * own memory; all lengths already include them. Returns the number of bytes written. */
 size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t *bytes);
 
 /* Returns the number of bytes of a reply's start: exact without stats, an upper bound with stats.

@@ -20,44 +20,33 @@
 /* On the wire 0 is the usual answer, U8. */
 static const int FORMATS[] = {UMB_ANSWER_U8, UMB_ANSWER_F32, UMB_ANSWER_BIT};
 
-static const struct umbw_row PICTURE_ROWS[] = {
-    {1, UMBW_AT(umb_picture, camera.eye)}, {2, UMBW_AT(umb_picture, camera.forward)},
-    {3, UMBW_AT(umb_picture, camera.up)},  {4, UMBW_AT(umb_picture, camera.fov_y)},
-    {5, UMBW_AT(umb_picture, width)},      {6, UMBW_AT(umb_picture, height)},
-};
-UMBW_TABLE(PICTURE, umbrage__v1__picture, PICTURE_ROWS, "picture.", sizeof(struct umb_picture));
+UMBW_TABLE(PICTURE, umbrage__v1__picture, "picture.", sizeof(struct umb_picture),
+           {1, UMBW_AT(umb_picture, camera.eye)}, {2, UMBW_AT(umb_picture, camera.forward)},
+           {3, UMBW_AT(umb_picture, camera.up)}, {4, UMBW_AT(umb_picture, camera.fov_y)},
+           {5, UMBW_AT(umb_picture, width)}, {6, UMBW_AT(umb_picture, height)});
 
 #define FIELD(member) UMBW_AT(umbw_query_request, member)
-#define BYTES(member)                                                                              \
-    UMBW_AT(umbw_query_request, member.at), UMBW_COUNT(umbw_query_request, member.size)
+#define RECORDS(member, record)                                                                    \
+    FIELD(member.at), UMBW_COUNT(umbw_query_request, member.count), .stride = sizeof(record)
 
 /* Fields of the message that are no query settings, and settings that the message stores in another
- * form than the struct. */
-static const struct umbw_row OTHER_ROWS[] = {
-    {1, FIELD(asset), .flags = UMBW_CHECKED},
-    {6, FIELD(settings.format), .flags = UMBW_CHECKED | UMBW_FILLED, .values = FORMATS},
-    {7, FIELD(points.origin), .flags = UMBW_FINITE | UMBW_SPARSE},
-    {8, FIELD(want_stats)},
-    {9, UMBW_COUNT(umbw_query_request, target_count)},
-    {11, BYTES(normals)},
-    {12, BYTES(f32)},
-    {13, BYTES(f64)},
-    {14, BYTES(depth)},
-    {21, FIELD(dial.max_error_m)},
-    {22, FIELD(dial.max_visibility)},
-    {23, FIELD(dial.budget_ns)},
-    {24, FIELD(picture), UMBW_COUNT(umbw_query_request, has_picture), .table = &PICTURE,
-     .most = PICTURE_BYTES_MAX},
-    {25, FIELD(pack)},
-    {26, FIELD(base_mark)},
-    {32, BYTES(footprints)},
-    {34, FIELD(settings.eye), UMBW_COUNT(umbw_query_request, eye_count)},
-    {35, FIELD(settings.pixel_rad)}, /* Of any range: the core checks the angle */
-};
+ * form than the struct. The core checks the range of pixel_rad, which is an angle. */
+UMBW_ROWS(OTHER_ROWS, {1, FIELD(asset), .flags = UMBW_CHECKED},
+          {6, FIELD(settings.format), .flags = UMBW_CHECKED | UMBW_FILLED, .values = FORMATS},
+          {7, FIELD(points.origin), .flags = UMBW_FINITE | UMBW_SPARSE}, {8, FIELD(want_stats)},
+          {9, UMBW_COUNT(umbw_query_request, target_count)}, {11, RECORDS(normals, char)},
+          {12, RECORDS(f32, float[3])}, {13, RECORDS(f64, double[3])}, {14, RECORDS(depth, float)},
+          {21, FIELD(dial.max_error_m)}, {22, FIELD(dial.max_visibility)},
+          {23, FIELD(dial.budget_ns)},
+          {24, FIELD(picture), UMBW_COUNT(umbw_query_request, has_picture), .table = &PICTURE,
+           .most = PICTURE_BYTES_MAX},
+          {25, FIELD(pack)}, {26, FIELD(base_mark)}, {32, RECORDS(footprints, char)},
+          {34, FIELD(settings.eye), UMBW_COUNT(umbw_query_request, eye_count)},
+          {35, FIELD(settings.pixel_rad)});
 
 static struct umbw_row request_rows[UMBW_ROWS_MAX]; /* Made by make_rows */
-UMBW_TABLE(REQUEST, umbrage__v1__query_request, request_rows, "",
-           sizeof(struct umbw_query_request));
+UMBW_TABLE_OF(REQUEST, umbrage__v1__query_request, "", sizeof(struct umbw_query_request),
+              request_rows);
 
 /* Makes the row of a field that has a setting's name. */
 static struct umbw_row setting_row(const ProtobufCFieldDescriptor *field)
@@ -108,11 +97,9 @@ static const struct umbw_table *request_table(void)
     return &REQUEST;
 }
 
-static const struct umbw_row TARGET_ROWS[] = {
-    {1, UMBW_AT(umbw_query_target, asset), .flags = UMBW_REQUIRED},
-    {2, UMBW_AT(umbw_query_target, light)},
-};
-UMBW_TABLE(TARGET, umbrage__v1__target, TARGET_ROWS, "targets.", sizeof(struct umbw_query_target));
+UMBW_TABLE(TARGET, umbrage__v1__target, "targets.", sizeof(struct umbw_query_target),
+           {1, UMBW_AT(umbw_query_target, asset), .flags = UMBW_REQUIRED},
+           {2, UMBW_AT(umbw_query_target, light)});
 
 static bool is_dialled(const struct umb_dial *dial)
 {
@@ -155,21 +142,20 @@ static enum umb_status check_footprint(const struct umbw_query_request *request,
                                        struct umb_error *error)
 {
     const struct umb_query_settings *settings = &request->settings;
-    const bool own = request->footprints.size > 0, any = settings->footprint_m != 0;
-    if ((own || any || settings->pixel_rad != 0) &&
-        !umb_filter_get_info(settings->filter)->has_footprints) {
+    const char *given = request->footprints.count > 0 ? "footprints"
+                        : settings->footprint_m != 0  ? "footprint_m"
+                        : settings->pixel_rad != 0    ? "pixel_rad"
+                                                      : NULL;
+    const bool takes = umb_filter_get_info(settings->filter)->has_footprints;
+    if (given != NULL && !takes) {
         return umb_fail(error, UMB_E_ARGUMENT,
-                        "%s: belongs to the filter 3 (FOOTPRINT), this is %d",
-                        own   ? "footprints"
-                        : any ? "footprint_m"
-                              : "pixel_rad",
+                        "%s: belongs to the filter 3 (FOOTPRINT), this is %d", given,
                         (int)settings->filter);
     }
     if (request->eye_count > 0 && settings->pixel_rad == 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "eye: without pixel_rad; give the angle of a pixel");
     }
-    if (umb_filter_get_info(settings->filter)->has_footprints && !own && !any &&
-        settings->pixel_rad == 0 && request->points.count > 0 && !request->has_picture) {
+    if (takes && given == NULL && request->points.count > 0 && !request->has_picture) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "filter: 3 (FOOTPRINT) without one; give footprints, footprint_m, or eye "
                         "with pixel_rad");
@@ -184,10 +170,10 @@ static enum umb_status check_picture(const struct umbw_query_request *request,
     const struct umb_picture *picture = &request->picture;
     const double *origin = request->points.origin;
     if (!request->has_picture) {
-        return request->depth.size == 0
+        return request->depth.count == 0
                    ? UMB_OK
                    : umb_fail(error, UMB_E_ARGUMENT, "depth: %zu bytes without a picture",
-                              request->depth.size);
+                              request->depth.count * sizeof(float));
     }
     UMB__TRY(umb_picture_check(picture, error));
     if ((uint64_t)picture->width * picture->height != request->points.count) {
@@ -250,16 +236,16 @@ enum umb_status umbw_query_target_next(struct umbw_query_request *request,
 }
 
 /* Checks the length of an array with one element for each point. Out: place: the array, or NULL. */
-static enum umb_status take_beside(const char *name, const struct umbw_bytes *field, size_t each,
-                                   size_t count, const void **place, struct umb_error *error)
+static enum umb_status take_beside(const char *name, const struct umbw_records *bytes, size_t each,
+                                   const struct umb_points *points, const void **place,
+                                   struct umb_error *error)
 {
-    if (field->size > 0 && field->size != count * each) {
-        return umb_fail(error, UMB_E_ARGUMENT,
-                        "%s: length is %zu bytes, must be 0 or %zu for %zu points", name,
-                        field->size, count * each, count);
-    }
-    *place = field->size > 0 ? field->at : NULL;
-    return UMB_OK;
+    *place = bytes->count > 0 ? bytes->at : NULL;
+    return bytes->count == 0 || bytes->count == points->count * each
+               ? UMB_OK
+               : umb_fail(error, UMB_E_ARGUMENT,
+                          "%s: length is %zu bytes, must be 0 or %zu for %zu points", name,
+                          bytes->count, points->count * each, points->count);
 }
 
 /* Makes the points of a decoded request from one of the two point fields, or from a picture's
@@ -268,24 +254,21 @@ static enum umb_status take_points(struct umbw_query_request *request, size_t ma
                                    struct umb_error *error)
 {
     struct umb_points *points = &request->points;
-    const struct umbw_bytes *f32 = &request->f32, *f64 = &request->f64;
-    const bool picture = request->has_picture, wide = f64->size > 0;
-    if (f32->size > 0 && wide) {
+    const size_t f32 = request->f32.count, f64 = request->f64.count;
+    const bool picture = request->has_picture;
+    if (f32 > 0 && f64 > 0) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "points: %zu bytes, and points_f64: %zu bytes; give only one of them",
-                        f32->size, f64->size);
+                        f32 * sizeof(float[3]), f64 * sizeof(double[3]));
     }
-    if (picture && (f32->size > 0 || wide)) {
+    if (picture && f32 + f64 > 0) {
         return umb_fail(error, UMB_E_ARGUMENT, "picture: beside points; give only one of them");
     }
-    const struct umbw_bytes *field = picture ? &request->depth : wide ? f64 : f32;
-    const char *name = picture ? "depth" : wide ? "points_f64" : "points";
-    const size_t each = picture ? sizeof(float) : 3 * (wide ? sizeof(double) : sizeof(float));
-    if (field->size % each != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be a multiple of %zu",
-                        name, field->size, each);
-    }
-    points->count = field->size / each;
+    const struct umbw_records *field = picture   ? &request->depth
+                                       : f64 > 0 ? &request->f64
+                                                 : &request->f32;
+    const char *name = picture ? "depth" : f64 > 0 ? "points_f64" : "points";
+    points->count = field->count;
     if (points->count > max_points) {
         return umb_fail(error, UMB_E_TOO_LARGE, "%s: %zu is over the limit of %zu points", name,
                         points->count, max_points);
@@ -296,11 +279,11 @@ static enum umb_status take_points(struct umbw_query_request *request, size_t ma
                         points->count, request->target_count, max_points);
     }
     points->positions = points->count > 0 ? field->at : NULL;
-    points->format = wide ? UMB_POINT_F64 : UMB_POINT_F32;
+    points->format = f64 > 0 ? UMB_POINT_F64 : UMB_POINT_F32;
     request->picture.depth = request->depth.at;
-    UMB__TRY(take_beside("normals", &request->normals, 3 * sizeof(float), points->count,
-                         &points->normals, error));
-    return take_beside("footprints", &request->footprints, sizeof(float), points->count,
+    UMB__TRY(take_beside("normals", &request->normals, 3 * sizeof(float), points, &points->normals,
+                         error));
+    return take_beside("footprints", &request->footprints, sizeof(float), points,
                        &points->footprints, error);
 }
 
@@ -347,16 +330,16 @@ static enum umb_status put_points(struct umbw_query_request *request, struct umb
                         points->count);
     }
     const size_t scalars = points->count * sizeof(float);
-    request->f32 = request->f64 = request->depth = (struct umbw_bytes){NULL, 0};
+    const struct umbw_records none = {NULL, 0};
+    request->f32 = request->f64 = request->depth = none;
     *(request->has_picture ? &request->depth
       : wide               ? &request->f64
-                           : &request->f32) =
-        request->has_picture ? (struct umbw_bytes){request->picture.depth, scalars}
-                             : (struct umbw_bytes){points->positions, 3 * scalars * (wide ? 2 : 1)};
+                           : &request->f32) = (struct umbw_records){
+        request->has_picture ? request->picture.depth : points->positions, points->count};
     request->normals =
-        (struct umbw_bytes){points->normals, points->normals != NULL ? 3 * scalars : 0};
+        points->normals != NULL ? (struct umbw_records){points->normals, 3 * scalars} : none;
     request->footprints =
-        (struct umbw_bytes){points->footprints, points->footprints != NULL ? scalars : 0};
+        points->footprints != NULL ? (struct umbw_records){points->footprints, scalars} : none;
     return UMB_OK;
 }
 
@@ -379,34 +362,21 @@ enum umb_status umbw_encode_query_request(const struct umbw_query_request *reque
  * length of the message. One of the 64-bit varints has a longer tag. */
 #define STATS_MAX (8 * 11 + 12 + 2 * 6 + 5 * 9 + 3)
 
-static const struct umbw_row STATS_ROWS[] = {
-    {1, REPLY(stats.points)},
-    {2, REPLY(stats.outside)},
-    {3, REPLY(stats.before)},
-    {4, REPLY(stats.behind)},
-    {5, REPLY(stats.facing_away)},
-    {6, REPLY(stats.nodes)},
-    {7, REPLY(stats.bricks)},
-    {8, REPLY(nanoseconds)},
-    {9, REPLY(voxel_m)},
-    {10, REPLY(level)},
-    {11, REPLY(taps)},
-    {12, REPLY(bound_m)},
-    {13, REPLY(visibility_error)},
-    {14, REPLY(lines)},
-    {15, REPLY(expected_ns)},
-    {16, REPLY(stats.undefined)},
-};
-UMBW_TABLE(STATS, umbrage__v1__query_stats, STATS_ROWS, "stats.", sizeof(struct umbw_query_reply));
+UMBW_TABLE(STATS, umbrage__v1__query_stats, "stats.", 0, {1, REPLY(stats.points)},
+           {2, REPLY(stats.outside)}, {3, REPLY(stats.before)}, {4, REPLY(stats.behind)},
+           {5, REPLY(stats.facing_away)}, {6, REPLY(stats.nodes)}, {7, REPLY(stats.bricks)},
+           {8, REPLY(nanoseconds)}, {9, REPLY(voxel_m)}, {10, REPLY(level)}, {11, REPLY(taps)},
+           {12, REPLY(bound_m)}, {13, REPLY(visibility_error)}, {14, REPLY(lines)},
+           {15, REPLY(expected_ns)}, {16, REPLY(stats.undefined)});
 
-static const struct umbw_row REPLY_ROWS[] = {
-    {1, REPLY(visibility), UMBW_COUNT(umbw_query_reply, visibility_bytes), .flags = UMBW_LAST},
-    {2, REPLY(asset_id), UMBW_COUNT(umbw_query_reply, has_asset_id)},
-    {3, UMBW_COUNT(umbw_query_reply, has_stats), .table = &STATS}, /* of the same struct */
-    {4, REPLY(asset_ids), UMBW_COUNT(umbw_query_reply, asset_id_count), .stride = UMB_ID_BYTES},
-    {5, REPLY(packing), .flags = UMBW_CHECKED | UMBW_NEWER},
-};
-UMBW_TABLE(REPLY_TABLE, umbrage__v1__query_reply, REPLY_ROWS, "", sizeof(struct umbw_query_reply));
+UMBW_TABLE(REPLY_TABLE, umbrage__v1__query_reply, "", sizeof(struct umbw_query_reply),
+           {1, REPLY(visibility), UMBW_COUNT(umbw_query_reply, visibility_bytes),
+            .flags = UMBW_LAST},
+           {2, REPLY(asset_id), UMBW_COUNT(umbw_query_reply, has_asset_id)},
+           {3, UMBW_COUNT(umbw_query_reply, has_stats), .table = &STATS},
+           {4, REPLY(asset_ids), UMBW_COUNT(umbw_query_reply, asset_id_count),
+            .stride = UMB_ID_BYTES},
+           {5, REPLY(packing), .flags = UMBW_CHECKED | UMBW_NEWER});
 
 enum umb_status umbw_decode_query_reply(const uint8_t *message, size_t size,
                                         struct umbw_query_reply *reply, struct umb_error *error)
@@ -438,17 +408,4 @@ size_t umbw_write_query_reply_head(const struct umbw_query_reply *reply, uint8_t
     struct umbw_query_reply copy = *reply;
     copy.has_asset_id = copy.asset_id_count == 0;
     return umbw_write(&REPLY_TABLE, &copy, bytes);
-}
-
-enum umb_status umbw_encode_query_reply_head(const struct umbw_query_reply *reply,
-                                             struct umbw_buffer *buffer, struct umb_error *error)
-{
-    const size_t room = umbw_write_query_reply_head(reply, NULL);
-    if (reply->visibility_bytes > UINT32_MAX - room) {
-        return umb_fail(error, UMB_E_TOO_LARGE, "visibility: %zu bytes are over the limit of %lu",
-                        reply->visibility_bytes, (unsigned long)(UINT32_MAX - room));
-    }
-    UMB__TRY(umbw_buffer_reserve(buffer, room, error));
-    buffer->size += umbw_write_query_reply_head(reply, buffer->bytes + buffer->size);
-    return UMB_OK;
 }

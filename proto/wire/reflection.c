@@ -8,12 +8,13 @@
  */
 #include "wire/messages.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/try.h"
 #include "grpc/reflection/v1/reflection.pb-c.h"
 #include "wire/codec.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #define SERVICES_MAX     16  /* Most services of all files */
 #define SERVICE_NAME_MAX 128 /* Longest name of a service, with its package */
@@ -125,15 +126,11 @@ struct request {
     char *host, *file, *symbol, *type, *services;
 };
 
-#define REQUEST(member) UMBW_AT(request, member)
+#define REQUEST(member) UMBW_AT(request, member), .flags = UMBW_FILLED
 
-static const struct umbw_row REQUEST_ROWS[] = {
-    {1, REQUEST(host), .flags = UMBW_FILLED},   {3, REQUEST(file), .flags = UMBW_FILLED},
-    {4, REQUEST(symbol), .flags = UMBW_FILLED}, {.number = 5},
-    {6, REQUEST(type), .flags = UMBW_FILLED},   {7, REQUEST(services), .flags = UMBW_FILLED},
-};
-UMBW_TABLE(REQUEST_TABLE, grpc__reflection__v1__server_reflection_request, REQUEST_ROWS, "",
-           sizeof(struct request), UMBW_BLOCK(request, host));
+UMBW_TABLE(REQUEST_TABLE, grpc__reflection__v1__server_reflection_request, "",
+           sizeof(struct request), {1, REQUEST(host)}, {3, REQUEST(file)}, {4, REQUEST(symbol)},
+           {.number = 5}, {6, REQUEST(type)}, {7, REQUEST(services)});
 
 struct service {
     char name[SERVICE_NAME_MAX];
@@ -144,7 +141,7 @@ struct response {
     const char *host;
     const uint8_t *request; /* uint8[request_size], the request as it came */
     size_t request_size;
-    int has_file, has_type, has_services, has_error;
+    int has_type, has_services, has_error;
     struct span file;
     const char *type;
     struct service *services; /* [service_count] */
@@ -156,38 +153,24 @@ struct response {
 #define RESPONSE(member)       UMBW_AT(response, member)
 #define RESPONSE_COUNT(member) UMBW_COUNT(response, member)
 
-static const struct umbw_row FILE_ROWS[] = {{1, RESPONSE(file.bytes), RESPONSE_COUNT(file.size)}};
-UMBW_TABLE(FILE_TABLE, grpc__reflection__v1__file_descriptor_response, FILE_ROWS, "", 0);
-
-static const struct umbw_row TYPE_ROWS[] = {{1, RESPONSE(type)},
-                                            {.number = 2}}; /* there are no extensions */
-UMBW_TABLE(TYPE_TABLE, grpc__reflection__v1__extension_number_response, TYPE_ROWS, "", 0);
-
-static const struct umbw_row SERVICE_ROWS[] = {{1, UMBW_AT(service, name)}};
-UMBW_TABLE(SERVICE, grpc__reflection__v1__service_response, SERVICE_ROWS, "",
-           sizeof(struct service));
-
-static const struct umbw_row SERVICES_ROWS[] = {
-    {1, RESPONSE(services), RESPONSE_COUNT(service_count), .table = &SERVICE, .most = SERVICES_MAX},
-};
-UMBW_TABLE(SERVICES, grpc__reflection__v1__list_service_response, SERVICES_ROWS, "", 0);
-
-static const struct umbw_row ERROR_ROWS[] = {
-    {1, RESPONSE(error_code)},
-    {2, RESPONSE(error_message)},
-};
-UMBW_TABLE(ERROR, grpc__reflection__v1__error_response, ERROR_ROWS, "", 0);
-
-static const struct umbw_row RESPONSE_ROWS[] = {
-    {1, RESPONSE(host)},
-    {2, RESPONSE(request), RESPONSE_COUNT(request_size)},
-    {4, RESPONSE_COUNT(has_file), .table = &FILE_TABLE},
-    {5, RESPONSE_COUNT(has_type), .table = &TYPE_TABLE},
-    {6, RESPONSE_COUNT(has_services), .table = &SERVICES},
-    {7, RESPONSE_COUNT(has_error), .table = &ERROR},
-};
-UMBW_TABLE(RESPONSE_TABLE, grpc__reflection__v1__server_reflection_response, RESPONSE_ROWS, "",
-           sizeof(struct response));
+UMBW_TABLE(FILE_TABLE, grpc__reflection__v1__file_descriptor_response, "", 0,
+           {1, RESPONSE(file.bytes), RESPONSE_COUNT(file.size)});
+UMBW_TABLE(TYPE_TABLE, grpc__reflection__v1__extension_number_response, "", 0, {1, RESPONSE(type)},
+           {.number = 2}); /* there are no extensions */
+UMBW_TABLE(SERVICE, grpc__reflection__v1__service_response, "", sizeof(struct service),
+           {1, UMBW_AT(service, name)});
+UMBW_TABLE(SERVICES, grpc__reflection__v1__list_service_response, "", 0,
+           {1, RESPONSE(services), RESPONSE_COUNT(service_count), .table = &SERVICE,
+            .most = SERVICES_MAX});
+UMBW_TABLE(ERROR, grpc__reflection__v1__error_response, "", 0, {1, RESPONSE(error_code)},
+           {2, RESPONSE(error_message)});
+UMBW_TABLE(RESPONSE_TABLE, grpc__reflection__v1__server_reflection_response, "",
+           sizeof(struct response), {1, RESPONSE(host)},
+           {2, RESPONSE(request), RESPONSE_COUNT(request_size)},
+           {4, RESPONSE_COUNT(file.size), .table = &FILE_TABLE},
+           {5, RESPONSE_COUNT(has_type), .table = &TYPE_TABLE},
+           {6, RESPONSE_COUNT(has_services), .table = &SERVICES},
+           {7, RESPONSE_COUNT(has_error), .table = &ERROR});
 
 static size_t list_services(struct service services[SERVICES_MAX])
 {
@@ -201,61 +184,45 @@ static size_t list_services(struct service services[SERVICES_MAX])
             struct span name = field_of((struct span){item.payload, item.payload_size}, FILE_NAME);
             if (item.number == FILE_SERVICE && count < SERVICES_MAX &&
                 package.size + 1 + name.size < SERVICE_NAME_MAX) {
-                char *at = services[count++].name;
-                memcpy(at, package.bytes, package.size);
-                at[package.size] = '.';
-                memcpy(at + package.size + 1, name.bytes, name.size);
-                at[package.size + 1 + name.size] = '\0';
+                (void)snprintf(services[count++].name, SERVICE_NAME_MAX, "%.*s.%.*s",
+                               (int)package.size, (const char *)package.bytes, (int)name.size,
+                               (const char *)name.bytes);
             }
         }
     }
     return count;
 }
 
-static void set_error(struct response *response, int code, const char *message)
-{
-    response->has_error = 1;
-    response->error_code = code;
-    response->error_message = message;
-}
-
-static void set_file(struct response *response, struct span file)
-{
-    response->file = file;
-    response->has_file = file.size > 0;
-    if (file.size == 0) {
-        set_error(response, UMBW_GRPC_NOT_FOUND, "not found");
-    }
-}
-
 /* Fills in the answer. In: question: number of the request's field. */
 static void answer_question(const struct request *request, uint32_t question,
                             struct response *response)
 {
+    response->error_code = UMBW_GRPC_NOT_FOUND;
+    response->error_message = "not found";
     switch (question) {
     case 3:
-        set_file(response, find_file(has_name, request->file));
+        response->file = find_file(has_name, request->file);
         break;
     case 4:
-        set_file(response, find_file(has_symbol, request->symbol));
+        response->file = find_file(has_symbol, request->symbol);
         break;
     case 5: /* proto3 allows no extensions */
-        set_error(response, UMBW_GRPC_NOT_FOUND, "there are no extensions");
+        response->error_message = "there are no extensions";
         break;
     case 6:
         response->type = request->type;
         response->has_type = find_file(has_symbol, request->type).size > 0;
-        if (!response->has_type) {
-            set_error(response, UMBW_GRPC_NOT_FOUND, "not found");
-        }
         break;
     case 7:
         response->has_services = 1;
         response->service_count = list_services(response->services);
         break;
     default:
-        set_error(response, UMBW_GRPC_INVALID_ARGUMENT, "nothing is asked for");
+        response->error_code = UMBW_GRPC_INVALID_ARGUMENT;
+        response->error_message = "nothing is asked for";
     }
+    response->has_error =
+        response->file.size == 0 && !response->has_type && !response->has_services;
 }
 
 enum umb_status umbw_reflection_answer(const uint8_t *message, size_t size,

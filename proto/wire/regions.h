@@ -30,11 +30,10 @@ struct umbw_derive_request {
     char asset[UMBW_ASSET_NAME_MAX + 1];
     struct umb_derive_settings settings; /* camera: NULL */
     struct umb__map_view view;           /* View of cascades, if settings.cascades.count > 0 */
-    int has_view;                        /* 0; for the codec */
 };
 
-/* The decoder checks enums and lengths of vectors; umb_derive checks the rest. The encoder fails
- * with E_UNSUPPORTED if the protocol has no such technique or format. */
+/* The codec checks enums, lengths of vectors and the count of cascades; umb_derive checks the rest.
+ * The encoder fails with E_UNSUPPORTED if the protocol has no such technique or format. */
 UMBW_MESSAGE(derive_request, struct umbw_derive_request);
 UMBW_MESSAGE(region_request, struct umbw_region_request);
 UMBW_MESSAGE(region_reply, struct umbw_region_reply);

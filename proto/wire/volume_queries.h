@@ -42,7 +42,7 @@ struct umbw_volume_query_request {
     int want_stats;
     /* The records as the message stores them; the codec converts between these fields and
      * `records`. */
-    struct umbw_bytes f32, f64;
+    struct umbw_records f32, f64;
 };
 
 struct umbw_volume_query_reply {

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Codec of the volume queries, see volume_queries.h. All three requests share one array of rows,
- * and so do all three replies. */
+/* Codec of the volume queries, see volume_queries.h. */
 #include "wire/volume_queries.h"
 
 #include <string.h>
@@ -20,42 +19,32 @@ const size_t umbw_answer_sizes[UMBW_VOLUME_QUERY_COUNT][UMBW_ANSWER_FIELDS] = {
 };
 
 #define REQUEST(member) UMBW_AT(umbw_volume_query_request, member)
-#define RECORDS(member) REQUEST(member.at), UMBW_COUNT(umbw_volume_query_request, member.size)
+#define RECORDS(member, type)                                                                      \
+    REQUEST(member.at), UMBW_COUNT(umbw_volume_query_request, member.count), .stride = sizeof(type)
 
-static const struct umbw_row REQUEST_ROWS[] = {
-    {1, REQUEST(asset), .flags = UMBW_REQUIRED | UMBW_CHECKED},
-    {2, REQUEST(light)},
-    {3, REQUEST(origin), .flags = UMBW_FINITE | UMBW_SPARSE},
-    {4, REQUEST(want_stats)},
-    {5, RECORDS(f32)},
-    {6, RECORDS(f64)},
-    {7, REQUEST(max_intervals)}, /* of segments */
-};
+/* Rows of the records of a request. */
+#define F32 4
+#define F64 5
 
-#define REQUEST_TABLE(table, message)                                                              \
-    UMBW_TABLE(table, umbrage__v1__##message##_request, REQUEST_ROWS, "",                          \
-               sizeof(struct umbw_volume_query_request))
+/* Table of a request whose records have `numbers` numbers each. */
+#define REQUEST_TABLE(table, message, numbers)                                                     \
+    UMBW_TABLE(table, umbrage__v1__##message##_request, "",                                        \
+               sizeof(struct umbw_volume_query_request),                                           \
+               {1, REQUEST(asset), .flags = UMBW_REQUIRED | UMBW_CHECKED}, {2, REQUEST(light)},    \
+               {3, REQUEST(origin), .flags = UMBW_FINITE | UMBW_SPARSE}, {4, REQUEST(want_stats)}, \
+               {5, RECORDS(f32, float[numbers])}, {6, RECORDS(f64, double[numbers])},              \
+               {7, REQUEST(max_intervals)})
 
-REQUEST_TABLE(SEGMENTS_REQUEST, segments);
-REQUEST_TABLE(COLUMNS_REQUEST, columns);
-REQUEST_TABLE(BOXES_REQUEST, boxes);
+REQUEST_TABLE(SEGMENTS_REQUEST, segments, 6);
+REQUEST_TABLE(COLUMNS_REQUEST, columns, 3);
+REQUEST_TABLE(BOXES_REQUEST, boxes, 6);
 
 static const struct umbw_table *const REQUESTS[UMBW_VOLUME_QUERY_COUNT] = {
-    [UMBW_SEGMENTS] = &SEGMENTS_REQUEST,
-    [UMBW_COLUMNS] = &COLUMNS_REQUEST,
-    [UMBW_BOXES] = &BOXES_REQUEST,
-};
+    &SEGMENTS_REQUEST, &COLUMNS_REQUEST, &BOXES_REQUEST};
 
-static size_t record_bytes(enum umbw_volume_query volume_query, enum umb_point_format format)
+static const char *name_of(const struct umbw_table *table, size_t row)
 {
-    const size_t scalar = format == UMB_POINT_F64 ? sizeof(double) : sizeof(float);
-    return (volume_query == UMBW_COLUMNS ? 3 : 6) * scalar;
-}
-
-/* Returns the name of a field of a table's message. */
-static const char *name_of(const struct umbw_table *table, uint32_t number)
-{
-    return protobuf_c_message_descriptor_get_field(table->descriptor, number)->name;
+    return table->descriptor->fields[row].name;
 }
 
 uint64_t umbw_volume_query_points(enum umbw_volume_query volume_query, uint32_t max_intervals)
@@ -78,29 +67,23 @@ enum umb_status umbw_decode_volume_query_request(enum umbw_volume_query volume_q
 {
     const struct umbw_table *table = REQUESTS[volume_query];
     UMB__TRY(umbw_decode(table, message, size, request, error));
-    const struct umbw_bytes *f32 = &request->f32, *f64 = &request->f64;
-    const bool wide = f64->size > 0;
-    if (f32->size > 0 && wide) {
+    const size_t f32 = request->f32.count, f64 = request->f64.count, row = f64 > 0 ? F64 : F32;
+    if (f32 > 0 && f64 > 0) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "%s: %zu bytes, and %s: %zu bytes; give only one of them",
-                        name_of(table, 5), f32->size, name_of(table, 6), f64->size);
+                        name_of(table, F32), f32 * table->rows[F32].stride, name_of(table, F64),
+                        f64 * table->rows[F64].stride);
     }
-    const struct umbw_bytes *field = wide ? f64 : f32;
-    const char *name = name_of(table, wide ? 6 : 5);
     const uint64_t points = umbw_volume_query_points(volume_query, request->max_intervals);
     request->volume_query = volume_query;
-    request->format = wide ? UMB_POINT_F64 : UMB_POINT_F32;
-    const size_t bytes = record_bytes(volume_query, request->format);
-    if (field->size % bytes != 0) {
-        return umb_fail(error, UMB_E_ARGUMENT, "%s: length is %zu bytes, must be a multiple of %zu",
-                        name, field->size, bytes);
-    }
-    request->count = field->size / bytes;
-    request->records = field->at;
+    request->format = f64 > 0 ? UMB_POINT_F64 : UMB_POINT_F32;
+    request->count = f64 > 0 ? f64 : f32;
+    request->records = f64 > 0 ? request->f64.at : request->f32.at;
     if (request->count > max_points / points) {
         return umb_fail(error, UMB_E_TOO_LARGE,
-                        "%s: %zu, each counts as %llu points; the limit is %llu points", name,
-                        request->count, (unsigned long long)points, (unsigned long long)max_points);
+                        "%s: %zu, each counts as %llu points; the limit is %llu points",
+                        name_of(table, row), request->count, (unsigned long long)points,
+                        (unsigned long long)max_points);
     }
     return UMB_OK;
 }
@@ -111,51 +94,43 @@ enum umb_status umbw_encode_volume_query_request(const struct umbw_volume_query_
 {
     struct umbw_volume_query_request copy = *request;
     const struct umbw_table *table = REQUESTS[request->volume_query];
-    const bool wide = request->format == UMB_POINT_F64;
-    const size_t bytes = record_bytes(request->volume_query, request->format);
-    if (request->count > UINT32_MAX / bytes) {
+    const size_t row = request->format == UMB_POINT_F64 ? F64 : F32;
+    const size_t most = UINT32_MAX / table->rows[row].stride;
+    if (request->count > most) {
         return umb_fail(error, UMB_E_TOO_LARGE, "%s: %zu is over the limit of %zu",
-                        name_of(table, wide ? 6 : 5), request->count, UINT32_MAX / bytes);
+                        name_of(table, row), request->count, most);
     }
-    copy.f32 = copy.f64 = (struct umbw_bytes){NULL, 0};
-    *(wide ? &copy.f64 : &copy.f32) = (struct umbw_bytes){request->records, request->count * bytes};
+    copy.f32 = copy.f64 = (struct umbw_records){NULL, 0};
+    *(row == F64 ? &copy.f64 : &copy.f32) = (struct umbw_records){request->records, request->count};
     return umbw_encode(table, &copy, buffer, error);
 }
 
 #define REPLY(member) UMBW_AT(umbw_volume_query_reply, member)
 #define ANSWERS(k)    REPLY(fields[k]), UMBW_COUNT(umbw_volume_query_reply, sizes[k])
 
-static const struct umbw_row STATS_ROWS[] = {
-    {1, REPLY(nodes)},
-    {2, REPLY(bricks)},
-    {3, REPLY(nanoseconds)},
-};
-UMBW_TABLE(STATS, umbrage__v1__question_stats, STATS_ROWS, "stats.",
-           sizeof(struct umbw_volume_query_reply));
+UMBW_TABLE(STATS, umbrage__v1__question_stats, "stats.", 0, {1, REPLY(nodes)}, {2, REPLY(bricks)},
+           {3, REPLY(nanoseconds)});
 
+/* Of all three replies: boxes have no field 6, columns no field 7. */
 static const struct umbw_row REPLY_ROWS[] = {
     {1, REPLY(asset_id), .flags = UMBW_REQUIRED},
-    {2, UMBW_COUNT(umbw_volume_query_reply, has_stats), .table = &STATS}, /* of the same struct */
+    {2, UMBW_COUNT(umbw_volume_query_reply, has_stats), .table = &STATS},
     {3, REPLY(ignores_translucent)},
     {4, ANSWERS(0)},
     {5, ANSWERS(1)},
-    {6, ANSWERS(2)}, /* of segments and columns */
-    {7, ANSWERS(3)}, /* of segments */
-};
+    {6, ANSWERS(2)},
+    {7, ANSWERS(3)}};
 
 #define REPLY_TABLE(table, message)                                                                \
-    UMBW_TABLE(table, umbrage__v1__##message##_reply, REPLY_ROWS, "",                              \
-               sizeof(struct umbw_volume_query_reply))
+    UMBW_TABLE_OF(table, umbrage__v1__##message##_reply, "",                                       \
+                  sizeof(struct umbw_volume_query_reply), REPLY_ROWS)
 
 REPLY_TABLE(SEGMENTS_REPLY, segments);
 REPLY_TABLE(COLUMNS_REPLY, columns);
 REPLY_TABLE(BOXES_REPLY, boxes);
 
 static const struct umbw_table *const REPLIES[UMBW_VOLUME_QUERY_COUNT] = {
-    [UMBW_SEGMENTS] = &SEGMENTS_REPLY,
-    [UMBW_COLUMNS] = &COLUMNS_REPLY,
-    [UMBW_BOXES] = &BOXES_REPLY,
-};
+    &SEGMENTS_REPLY, &COLUMNS_REPLY, &BOXES_REPLY};
 
 /* Checks the length of one array of answers. */
 static enum umb_status check_answers(const char *name, size_t k, size_t count,
@@ -185,7 +160,7 @@ enum umb_status umbw_decode_volume_query_reply(enum umbw_volume_query volume_que
     reply->volume_query = volume_query;
     reply->count = count;
     for (size_t k = 0; k < UMBW_ANSWER_FIELDS && umbw_answer_sizes[volume_query][k] > 0; k++) {
-        UMB__TRY(check_answers(name_of(table, (uint32_t)(4 + k)), k, count, reply, error));
+        UMB__TRY(check_answers(name_of(table, 3 + k), k, count, reply, error));
     }
     return UMB_OK;
 }

@@ -86,11 +86,9 @@ void umbb_report_print(FILE *to, const struct umbb_report *r)
 static void put_scene(struct umbu_json *json, const struct umbb_report *r)
 {
     const struct umbb_analysis *a = r->analysis;
-    umbu_json_integer(json, "triangles", a->count);
-    umbu_json_integer(json, "degenerate", a->degenerate_count);
-    umbu_json_integer(json, "duplicate", a->duplicate_count);
-    umbu_json_integer(json, "parts", a->part_count);
-    umbu_json_integer(json, "closed_parts", a->closed_part_count);
+    UMBU_JSON_COUNTS(json, {"triangles", a->count}, {"degenerate", a->degenerate_count},
+                     {"duplicate", a->duplicate_count}, {"parts", a->part_count},
+                     {"closed_parts", a->closed_part_count});
     umbu_json_bool(json, "closed", a->closed_rule);
     umbu_json_text(json, "up", a->z_up ? "z" : "y");
     umbu_json_integer(json, "resolution", 1U << r->options->resolution_log2);
@@ -118,26 +116,18 @@ static void put_asset(struct umbu_json *json, const struct umbb_report *r)
     umbu_json_end(json, '}');
 }
 
-static void put_seconds(struct umbu_json *json, const char *key, double seconds)
-{
-    umbu_json_rounded(json, key, seconds, 6);
-}
-
 static void put_verified(struct umbu_json *json, const struct umbb_checked *checked)
 {
     const struct umbr_verify_result *v = &checked->verified;
     umbu_json_begin(json, "verify", '{');
-    umbu_json_integer(json, "points", v->points);
-    umbu_json_integer(json, "near_boundary", v->near_boundary);
-    umbu_json_integer(json, "skipped_inside", v->skipped_inside);
-    umbu_json_integer(json, "inside_band", v->inside_band);
-    umbu_json_integer(json, "outside_band", v->outside_band);
+    UMBU_JSON_COUNTS(json, {"points", v->points}, {"near_boundary", v->near_boundary},
+                     {"skipped_inside", v->skipped_inside}, {"inside_band", v->inside_band},
+                     {"outside_band", v->outside_band});
     umbu_json_bool(json, "sampled", checked->sampled);
-    umbu_json_integer(json, "tiles_inherited", checked->tiles_inherited);
-    umbu_json_integer(json, "squares_inherited", checked->squares_inherited);
-    umbu_json_integer(json, "squares_compared", checked->squares);
-    umbu_json_integer(json, "columns", checked->columns);
-    umbu_json_integer(json, "oldest", checked->oldest_s);
+    UMBU_JSON_COUNTS(json, {"tiles_inherited", checked->tiles_inherited},
+                     {"squares_inherited", checked->squares_inherited},
+                     {"squares_compared", checked->squares}, {"columns", checked->columns},
+                     {"oldest", checked->oldest_s});
 }
 
 void umbb_report_print_json(FILE *to, const struct umbb_report *r)
@@ -150,21 +140,15 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     umbu_json_text(&json, "output", r->options->output);
     put_scene(&json, r);
     put_asset(&json, r);
-    umbu_json_integer(&json, "texels", r->figures.texels);
-    umbu_json_integer(&json, "tile", 1U << r->tile_log2);
-    umbu_json_integer(&json, "tiles", r->figures.tiles);
-    umbu_json_integer(&json, "tiles_found", r->figures.tiles_found);
-    umbu_json_integer(&json, "tiles_damaged", r->damaged_tiles);
+    UMBU_JSON_COUNTS(&json, {"texels", r->figures.texels}, {"tile", 1U << r->tile_log2},
+                     {"tiles", r->figures.tiles}, {"tiles_found", r->figures.tiles_found},
+                     {"tiles_damaged", r->damaged_tiles});
     umbu_json_text(&json, "depth", r->depth_path);
     umbu_json_begin(&json, "seconds", '{');
-    put_seconds(&json, "import", r->seconds_import);
-    put_seconds(&json, "analysis", r->seconds_analysis);
-    put_seconds(&json, "bake", r->seconds_bake);
-    put_seconds(&json, "depth_wait", r->figures.seconds_depth);
-    put_seconds(&json, "build", r->figures.seconds_build);
-    put_seconds(&json, "write", r->seconds_write);
-    put_seconds(&json, "verify", r->seconds_verify);
-    put_seconds(&json, "total", r->seconds_total);
+    UMBU_JSON_VALUES(&json, 6, {"import", r->seconds_import}, {"analysis", r->seconds_analysis},
+                     {"bake", r->seconds_bake}, {"depth_wait", r->figures.seconds_depth},
+                     {"build", r->figures.seconds_build}, {"write", r->seconds_write},
+                     {"verify", r->seconds_verify}, {"total", r->seconds_total});
     umbu_json_end(&json, '}');
     put_verified(&json, &r->publish->checked);
     umbu_json_close(&json);
@@ -178,16 +162,11 @@ void umbb_report_print_tiles(FILE *to, const struct umbb_report *r)
         struct umbu_json json = {.file = to};
         umbu_json_begin(&json, NULL, '{');
         umbu_json_text(&json, "output", r->options->output);
-        umbu_json_integer(&json, "tile", 1U << r->tile_log2);
-        umbu_json_integer(&json, "first", first);
-        umbu_json_integer(&json, "tiles", tiles);
-        umbu_json_integer(&json, "tiles_found", found);
-        umbu_json_integer(&json, "tiles_damaged", r->damaged_tiles);
+        UMBU_JSON_COUNTS(&json, {"tile", 1U << r->tile_log2}, {"first", first}, {"tiles", tiles},
+                         {"tiles_found", found}, {"tiles_damaged", r->damaged_tiles});
         umbu_json_begin(&json, "seconds", '{');
-        put_seconds(&json, "import", r->seconds_import);
-        put_seconds(&json, "analysis", r->seconds_analysis);
-        put_seconds(&json, "bake", r->seconds_bake);
-        put_seconds(&json, "total", r->seconds_total);
+        UMBU_JSON_VALUES(&json, 6, {"import", r->seconds_import}, {"analysis", r->seconds_analysis},
+                         {"bake", r->seconds_bake}, {"total", r->seconds_total});
         umbu_json_close(&json);
     } else if (!r->options->quiet) {
         fprintf(to, "tiles       %llu to %llu of %u texels a side: %llu baked, %llu were there\n",

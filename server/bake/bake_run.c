@@ -542,9 +542,9 @@ static enum umb_status save_scene(struct run *run, struct umb_error *error)
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
         umbu_json_text(&json, "scene", id);
-        umbu_json_integer(&json, "bytes", run->scene->map_bytes);
-        umbu_json_integer(&json, "triangles", run->scene->view.world_triangle_count);
-        umbu_json_integer(&json, "lights", run->scene->view.light_count);
+        UMBU_JSON_COUNTS(&json, {"bytes", run->scene->map_bytes},
+                         {"triangles", run->scene->view.world_triangle_count},
+                         {"lights", run->scene->view.light_count});
         umbu_json_close(&json);
     }
     return UMB_OK;

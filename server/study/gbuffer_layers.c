@@ -9,6 +9,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/try.h"
 #include "tool/threads.h"
 #include "study/study_math.h"
@@ -44,22 +45,6 @@ struct search {
     struct layer_list *lists; /* one a block */
 };
 
-static enum umb_status list_reserve(struct layer_list *list, size_t more, struct umb_error *error)
-{
-    if (list->count + more <= list->capacity) {
-        return UMB_OK;
-    }
-    const size_t capacity = 2 * list->capacity + more;
-    struct layer *grown = realloc(list->layers, capacity * sizeof *grown);
-    if (grown == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "%zu translucent surfaces do not fit in memory",
-                        capacity);
-    }
-    list->layers = grown;
-    list->capacity = capacity;
-    return UMB_OK;
-}
-
 /* Returns the distance of the opaque surface that a sub-sample sees. A translucent surface that
  * lies on it counts as before it. */
 static double opaque_distance(const struct search *search, size_t sample)
@@ -83,7 +68,11 @@ static enum umb_status sample_search(const struct search *search, size_t sample,
     const size_t count =
         umbr_layers_find(umbt_seen_layers(search->scene), eye, direction,
                          opaque_distance(search, sample), LEAST_LIGHT, found, LAYERS_MAX);
-    UMB__TRY(list_reserve(list, count, error));
+    if (!umb__grow(NULL, &list->layers, &list->capacity, list->count + count,
+                   sizeof *list->layers)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "%zu translucent surfaces do not fit in memory",
+                        list->count + count);
+    }
     for (size_t i = 0; i < count; i++) {
         double normal[3];
         umb__triangle_cross((const double(*)[3])search->scene->corners[found[i].triangle], normal);

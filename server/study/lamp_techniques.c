@@ -91,38 +91,14 @@ struct facing {
     const struct umbt_lamp_faces *faces;
 };
 
-static void texel_item(void *user, size_t i)
-{
-    const struct facing *facing = user;
-    const size_t texels = (size_t)facing->faces->side * facing->faces->side;
-    double start[3], direction[3];
-    struct umbr_hit hit = {.distance = -1.0};
-    const double length =
-        umbt_texel_ray(&facing->faces->frusta[i / texels], i % texels, start, direction);
-    if (length > 0.0) {
-        umbr_nearest(facing->lamp->view->setup.scene->rays, start, direction, 0.0, length, &hit);
-    }
-    facing->faces->depth[i] =
-        hit.distance >= 0.0 ? (float)fmin(hit.distance / length, 0.99999994) : 1.0F;
-}
-
 /* ---- truths ---- */
 
 static struct umb_map_filter filter_of(const struct umbt_lamp_view *lamp,
                                        const struct umbt_lamp_row *row,
                                        const struct umb_map_frustum *frustum)
 {
-    struct umb_map_filter filter = row->filter;
-    filter.width = row->truth == UMBT_POINT ? 1.0 : (double)lamp->view->taps;
-    filter.bias_normal = 1.0;
-    filter.bias_m = frustum->depth_m / 65536.0;
-    if (filter.light_size > 0.0) {
-        filter.light_size = lamp->size_m;
-        filter.width = UMB_MAP_WIDTH_MAX;
-        filter.bias_normal = 1.0 / (double)UMB_MAP_WIDTH_MAX;
-        filter.bias_slope = 1.0;
-    }
-    return filter;
+    return umbt_technique_filter(lamp->view, &row->filter, row->truth, frustum->depth_m,
+                                 lamp->size_m);
 }
 
 /* Returns the share of free rays to the lamp, from a square of texels at the moved receiver's
@@ -166,18 +142,6 @@ static void box_item(void *user, size_t i)
     facing->faces->box[i] = (float)box_visibility(facing, i);
 }
 
-/* Computes the unit direction and the distance to the lamp. Returns 1 if the receiver faces the
- * lamp. */
-static int towards_lamp(const struct umbt_lamp_view *lamp, size_t i, double direction[3],
-                        double *distance)
-{
-    double normal[3];
-    umbt_widen(lamp->view->buffer.normals[i], normal);
-    umb__subtract(lamp->position, lamp->view->buffer.positions[i], direction);
-    *distance = umbt_normalize(direction);
-    return umb__dot(normal, direction) > 0.0;
-}
-
 /* Traces rays from a receiver to the lamp itself, and to points of a disc that faces the
  * receiver. */
 static void ray_item(void *user, size_t i)
@@ -187,7 +151,7 @@ static void ray_item(void *user, size_t i)
     const struct umbt_technique_view *view = lamp->view;
     double direction[3], distance, normal[3], start[3], across[2][3], disc[BALL_RAYS][2];
     view->truth[UMBT_POINT][i] = view->truth[UMBT_PENUMBRA][i] = 0.0F;
-    if (!towards_lamp(lamp, i, direction, &distance)) {
+    if (!umbt_faces_light(view, i, direction, &distance)) {
         return;
     }
     umbt_widen(view->buffer.normals[i], normal);
@@ -222,8 +186,11 @@ static enum umb_status faces_trace(const struct umbt_lamp_view *lamp, struct umb
     if (faces->depth == NULL || faces->box == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     }
+    for (size_t i = 0; i < faces->count; i++) {
+        UMB__TRY(umbt_layer_trace(view, &faces->frusta[i], 1,
+                                  faces->depth + i * faces->side * faces->side, error));
+    }
     struct facing facing = {lamp, faces};
-    UMB__TRY(umbu_range_each(view->threads, texels, 4096, texel_item, &facing, error));
     return umbu_range_each(view->threads, view->buffer.receiver_count, 512, box_item, &facing,
                            error);
 }
@@ -231,15 +198,9 @@ static enum umb_status faces_trace(const struct umbt_lamp_view *lamp, struct umb
 enum umb_status umbt_lamp_view_make(struct umbt_lamp_view *lamp, struct umb_error *error)
 {
     struct umbt_technique_view *view = lamp->view;
-    UMB__TRY(umbt_gbuffer_view(&view->buffer, view->setup.scene, &view->setup.camera, view->size,
-                               view->threads, error));
+    view->lamp = lamp->position;
+    UMB__TRY(umbt_technique_points_make(view, error));
     const size_t count = view->buffer.receiver_count;
-    for (int i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
-        view->truth[i] = malloc(count * sizeof(float));
-        if (view->truth[i] == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
-        }
-    }
     UMB__TRY(faces_trace(lamp, &lamp->faces[0], 0, error));
     UMB__TRY(faces_trace(lamp, &lamp->faces[1], 1, error));
     memcpy(view->truth[UMBT_BOX], lamp->faces[0].box, count * sizeof(float));
@@ -270,20 +231,6 @@ static double points_ask(const struct umbt_lamp_view *lamp, const struct umbt_la
         umb_map_run(&queries[face], &points, i, 1, values);
     }
     return umbu_thread_cpu_s() - start;
-}
-
-static void compare(const struct umbt_lamp_view *lamp, const float *truth, const float *values,
-                    struct umbt_technique_result *result)
-{
-    struct umbt_score score = {0};
-    for (size_t i = 0; i < lamp->view->buffer.receiver_count; i++) {
-        double direction[3], distance;
-        if (!towards_lamp(lamp, i, direction, &distance)) {
-            continue;
-        }
-        umbt_score_add(&score, (double)values[i] - (double)truth[i]);
-    }
-    umbt_score_finish(&score, result);
 }
 
 static enum umb_status maps_make(const struct umbt_lamp_view *lamp, const struct umbt_lamp_row *row,
@@ -326,10 +273,10 @@ enum umb_status umbt_lamp_run(const struct umbt_lamp_view *lamp, const struct um
     }
     if (status == UMB_OK) {
         result->time = umbt_least(ns, RUNS);
-        compare(lamp,
-                row->truth == UMBT_BOX ? lamp->faces[row->paraboloid].box
-                                       : lamp->view->truth[row->truth],
-                values, result);
+        umbt_technique_compare(lamp->view,
+                               row->truth == UMBT_BOX ? lamp->faces[row->paraboloid].box
+                                                      : lamp->view->truth[row->truth],
+                               values, result);
     }
     for (uint32_t i = 0; i < UMBT_LAMP_FACES; i++) {
         umb_map_destroy(maps[i]);

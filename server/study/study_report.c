@@ -84,11 +84,8 @@ static void json_result(struct umbu_json *json, const struct umbt_study_result *
     columns_of(result, columns);
     umbu_json_begin(json, NULL, '{');
     umbu_json_text(json, "method", result->name);
-    umbu_json_integer(json, "bake", result->bake);
-    umbu_json_integer(json, "taps", result->taps);
-    umbu_json_integer(json, "level", result->level);
-    umbu_json_integer(json, "judged", result->judged);
-    umbu_json_integer(json, "memory_bytes", result->bytes);
+    UMBU_JSON_COUNTS(json, {"bake", result->bake}, {"taps", result->taps}, {"level", result->level},
+                     {"judged", result->judged}, {"memory_bytes", result->bytes});
     umbu_json_rounded(json, "build_s", result->build_s, 6);
     umbu_json_values(json, 6, columns, COLUMNS);
     umbu_json_end(json, '}');
@@ -110,9 +107,8 @@ static void json_head(struct umbu_json *json, const struct umbt_study *study)
     const struct umbt_study_points *points = &study->points;
     umbu_json_text(json, "scene", study->common.scene_path);
     umbu_json_text(json, "version", UMB_VERSION_TEXT);
-    umbu_json_integer(json, "triangles", study->common.scene.count);
-    umbu_json_integer(json, "seed", study->common.seed);
-    umbu_json_integer(json, "threads", study->common.threads);
+    UMBU_JSON_COUNTS(json, {"triangles", study->common.scene.count}, {"seed", study->common.seed},
+                     {"threads", study->common.threads});
     json_light(json, &study->bakes[0].light);
     umbu_json_bool(json, "translucent", study->translucent);
     UMBU_JSON_VALUES(json, 6, {"diagonal_m", study->common.scene.diagonal_m},
@@ -170,9 +166,8 @@ static void json_technique(struct umbu_json *json, const struct umbt_study_techn
 
 static void json_techniques(struct umbu_json *json, const struct umbt_study *study)
 {
-    umbu_json_integer(json, "resolution", study->technique_resolution);
-    umbu_json_integer(json, "taps", UMBT_STUDY_TAPS);
-    umbu_json_integer(json, "points", study->technique_points);
+    UMBU_JSON_COUNTS(json, {"resolution", study->technique_resolution}, {"taps", UMBT_STUDY_TAPS},
+                     {"points", study->technique_points});
     umbu_json_begin(json, "rows", '[');
     for (uint32_t i = 0; i < study->technique_count; i++) {
         json_technique(json, &study->techniques[i]);

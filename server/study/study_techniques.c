@@ -218,6 +218,7 @@ enum umb_status umbt_study_techniques(struct umbt_study *study, struct umb_error
         .taps = UMBT_STUDY_TAPS,
         .light_rad = SUN_RAD,
         .threads = study->common.threads,
+        .quick = study->options.quick,
     };
     if (study->points.lamp != NULL) {
         return UMB_OK; /* study->missing says so */

@@ -2,9 +2,9 @@
 /*
  * Times of every setting and of rays (study_probe.h). Runs are interleaved over the settings, so
  * that a disturbance of the machine affects all of them alike. The least of all runs counts
- * (struct umbt_time); settings whose least runs differ are run again. Times of one thread are its
- * CPU time, times of all threads are wall time. Where the processor counts instructions, those of a
- * point are counted too.
+ * (struct umbt_time). Settings whose least runs differ are run again, but not with --quick. Times
+ * of one thread are its CPU time, times of all threads are wall time. Where the processor counts
+ * instructions, those of a point are counted too.
  */
 #include "study/study_probe.h"
 
@@ -227,7 +227,8 @@ static enum umb_status setting_once(struct umbt_probe *probe, struct times *time
     for (int kind = 0; kind < KINDS; kind++) {
         struct umbt_time *time = time_of(probe->result, kind);
         const size_t most = kind == ALL ? ALL_RUNS : UMBT_STUDY_RUNS_MAX;
-        const size_t wanted = time->spread > UMBT_SPREAD_STEADY ? most : RUNS_MIN;
+        const int again = time->spread > UMBT_SPREAD_STEADY && !probe->study->options.quick;
+        const size_t wanted = again ? most : RUNS_MIN;
         if (times->runs[kind] < wanted) {
             double *ns = &times->ns[kind][times->runs[kind]++];
             UMB__TRY(time_once(probe, kind, values, ns, error));
@@ -244,7 +245,8 @@ static enum umb_status times_series(struct umbt_study *study, struct umbt_probe 
                                     struct umb_error *error)
 {
     const int rays_too =
-        rays->runs < RUNS_MIN || study->rays[UMBT_RAYS_VIEW].spread > UMBT_SPREAD_STEADY;
+        rays->runs < RUNS_MIN ||
+        (study->rays[UMBT_RAYS_VIEW].spread > UMBT_SPREAD_STEADY && !study->options.quick);
     for (int run = 0; run < UMBT_STUDY_RUNS; run++) {
         for (uint32_t i = 0; i < study->result_count; i++) {
             UMB__TRY(setting_once(&probes[i], &times[i], values, error));

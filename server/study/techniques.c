@@ -72,9 +72,9 @@ static void layer_item(void *user, size_t i)
     }
 }
 
-static enum umb_status layer_trace(const struct umbt_technique_view *view,
-                                   const struct umb_map_frustum *frustum, uint32_t side,
-                                   float *depth, struct umb_error *error)
+enum umb_status umbt_layer_trace(const struct umbt_technique_view *view,
+                                 const struct umb_map_frustum *frustum, uint32_t side, float *depth,
+                                 struct umb_error *error)
 {
     struct layer layer = {view->setup.scene->rays, frustum, side, depth};
     return umbu_range_each(view->threads, (size_t)frustum->width * frustum->height * side * side,
@@ -157,6 +157,21 @@ static enum umb_status truth_block(void *user, size_t first, size_t count, struc
     return UMB_OK;
 }
 
+enum umb_status umbt_technique_points_make(struct umbt_technique_view *view,
+                                           struct umb_error *error)
+{
+    UMB__TRY(umbt_gbuffer_view(&view->buffer, view->setup.scene, &view->setup.camera, view->size,
+                               view->threads, error));
+    const size_t receivers = view->buffer.receiver_count;
+    for (int i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
+        view->truth[i] = malloc(receivers * sizeof(float));
+        if (view->truth[i] == NULL) {
+            return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", receivers);
+        }
+    }
+    return UMB_OK;
+}
+
 enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struct umb_error *error)
 {
     const uint32_t side = view->resolution;
@@ -167,17 +182,10 @@ enum umb_status umbt_technique_view_make(struct umbt_technique_view *view, struc
     if (view->depth == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
     }
-    UMB__TRY(layer_trace(view, &view->frustum, 1, view->depth, error));
-    UMB__TRY(umbt_gbuffer_view(&view->buffer, view->setup.scene, &view->setup.camera, view->size,
-                               view->threads, error));
-    const size_t receivers = view->buffer.receiver_count;
-    for (int i = 0; i < UMBT_TECHNIQUE_TRUTHS; i++) {
-        view->truth[i] = malloc(receivers * sizeof(float));
-        if (view->truth[i] == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", receivers);
-        }
-    }
-    return umbu_range_run(view->threads, receivers, 512, truth_block, view, error);
+    UMB__TRY(umbt_layer_trace(view, &view->frustum, 1, view->depth, error));
+    UMB__TRY(umbt_technique_points_make(view, error));
+    return umbu_range_run(view->threads, view->buffer.receiver_count, BLOCK, truth_block, view,
+                          error);
 }
 
 void umbt_technique_view_finish(struct umbt_technique_view *view)
@@ -189,41 +197,42 @@ void umbt_technique_view_finish(struct umbt_technique_view *view)
     umbt_gbuffer_finish(&view->buffer);
 }
 
-void umbt_score_add(struct umbt_score *score, double difference)
+int umbt_faces_light(const struct umbt_technique_view *view, size_t point, double direction[3],
+                     double *distance)
 {
-    score->lighter += fmax(difference, 0.0);
-    score->darker += fmax(-difference, 0.0);
-    score->over += fabs(difference) > 0.5;
-    score->count++;
+    double normal[3];
+    umbt_widen(view->buffer.normals[point], normal);
+    memcpy(direction, view->setup.to_light, 3 * sizeof *direction);
+    if (view->lamp != NULL) {
+        umb__subtract(view->lamp, view->buffer.positions[point], direction);
+        *distance = umbt_normalize(direction);
+    }
+    return umb__dot(normal, direction) > 0.0;
 }
 
-void umbt_score_finish(const struct umbt_score *score, struct umbt_technique_result *result)
+void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
+                            const float *values, struct umbt_technique_result *result)
 {
-    const double count = score->count > 0 ? (double)score->count : 1.0;
-    result->lighter = score->lighter / count;
-    result->darker = score->darker / count;
-    result->mean = result->lighter + result->darker;
-    result->over_half = (double)score->over / count;
-}
-
-/* Sets a result's errors: the differences of answers from a truth, over points that face the light.
- * truth, values: float[receivers]. The truth is copied if the view wants it. */
-static void compare(const struct umbt_technique_view *view, const float *truth, const float *values,
-                    struct umbt_technique_result *result)
-{
-    struct umbt_score score = {0};
+    size_t count = 0, over = 0;
+    double direction[3], distance;
     if (view->compared != NULL) {
         memcpy(view->compared, truth, view->buffer.receiver_count * sizeof *truth);
     }
+    result->lighter = result->darker = 0.0;
     for (size_t i = 0; i < view->buffer.receiver_count; i++) {
-        double normal[3];
-        umbt_widen(view->buffer.normals[i], normal);
-        if (!(umb__dot(normal, view->setup.to_light) > 0.0)) {
-            continue;
+        if (umbt_faces_light(view, i, direction, &distance)) {
+            const double difference = (double)values[i] - (double)truth[i];
+            result->lighter += fmax(difference, 0.0);
+            result->darker += fmax(-difference, 0.0);
+            over += fabs(difference) > 0.5;
+            count++;
         }
-        umbt_score_add(&score, (double)values[i] - (double)truth[i]);
     }
-    umbt_score_finish(&score, result);
+    const double divisor = count > 0 ? (double)count : 1.0;
+    result->lighter /= divisor;
+    result->darker /= divisor;
+    result->mean = result->lighter + result->darker;
+    result->over_half = (double)over / divisor;
 }
 
 /* ---- time of the answers ---- */
@@ -264,7 +273,8 @@ static void answer(const struct umbt_technique_view *view, struct asking asking,
     result->time.spread = INFINITY;
     const double once = calls_s(&asking, 1); /* also warms up the caches */
     const int calls = 1 + (int)fmin(RUN_S / fmax(once, 1e-9), CALLS_MAX);
-    for (size_t i = 0; i < ATTEMPTS && result->time.spread > UMBT_SPREAD_STEADY; i++) {
+    const size_t attempts = view->quick ? 1 : ATTEMPTS;
+    for (size_t i = 0; i < attempts && result->time.spread > UMBT_SPREAD_STEADY; i++) {
         for (size_t run = RUNS * i; run < RUNS * (i + 1); run++) {
             ns[run] = 1e9 * calls_s(&asking, calls) / ((double)calls * (double)points);
         }
@@ -305,7 +315,7 @@ static enum umb_status box_compare(struct tracing tracing, const float *values,
             ? umbu_range_each(view->threads, count, BLOCK, traced_item, &tracing, error)
             : umb_fail(error, UMB_E_NO_MEMORY, "%zu points do not fit in memory", count);
     if (status == UMB_OK) {
-        compare(view, tracing.traced, values, result);
+        umbt_technique_compare(view, tracing.traced, values, result);
     }
     free(tracing.traced);
     return status;
@@ -322,24 +332,32 @@ struct maps {
     float *depth; /* depths of one slice at a time, or of several samples a texel */
 };
 
-/* The row's filter, completed with the view's values. */
-static struct umb_map_filter filter_of(const struct umbt_technique_view *view,
-                                       const struct umbt_technique_row *row)
+struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
+                                            const struct umb_map_filter *own,
+                                            enum umbt_technique_truth truth, double depth_m,
+                                            double light_size)
 {
-    struct umb_map_filter filter = row->filter;
-    filter.width = row->truth == UMBT_POINT ? 1.0 : (double)view->taps;
+    struct umb_map_filter filter = *own;
+    filter.width = truth == UMBT_POINT ? 1.0 : (double)view->taps;
     filter.bias_normal = 1.0;
-    filter.bias_m = view->frustum.depth_m / 65536.0; /* a step of 16 bits, for all techniques */
+    filter.bias_m = depth_m / 65536.0; /* a step of 16 bits, for all techniques */
     if (filter.kernel == UMB_MAP_POISSON) {
         filter.width *= 1.12837917; /* a disc of the box's area */
     }
     if (filter.light_size > 0.0) {
-        filter.light_size = view->light_rad;
+        filter.light_size = light_size;
         filter.width = UMB_MAP_WIDTH_MAX;
         filter.bias_normal = 1.0 / (double)UMB_MAP_WIDTH_MAX;
         filter.bias_slope = 1.0;
     }
     return filter;
+}
+
+static struct umb_map_filter filter_of(const struct umbt_technique_view *view,
+                                       const struct umbt_technique_row *row)
+{
+    return umbt_technique_filter(view, &row->filter, row->truth, view->frustum.depth_m,
+                                 view->light_rad);
 }
 
 /* Builds map i from a layer of depths and prepares its query; adds its time and bytes. */
@@ -417,7 +435,7 @@ static enum umb_status cascades_run(const struct umbt_technique_view *view,
     UMB__TRY(plan_make(view, row, &maps->plan, error));
     for (uint32_t i = 0; i < row->cascades; i++) {
         const struct umb_map_frustum *frustum = &maps->plan.frusta[i];
-        UMB__TRY(layer_trace(view, frustum, 1, maps->depth, error));
+        UMB__TRY(umbt_layer_trace(view, frustum, 1, maps->depth, error));
         UMB__TRY(map_make(view, row, frustum, maps->depth, maps, i, result, error));
         box_truth(view, frustum, &maps->truths[i]);
     }
@@ -428,7 +446,7 @@ static enum umb_status cascades_run(const struct umbt_technique_view *view,
         return box_compare((struct tracing){view, maps->truths, &maps->plan, NULL}, values, result,
                            error);
     }
-    compare(view, view->truth[row->truth], values, result);
+    umbt_technique_compare(view, view->truth[row->truth], values, result);
     return UMB_OK;
 }
 
@@ -443,12 +461,12 @@ static enum umb_status map_run(const struct umbt_technique_view *view,
         if (maps->depth == NULL) {
             return umb_fail(error, UMB_E_NO_MEMORY, "%zu texels do not fit in memory", texels);
         }
-        UMB__TRY(layer_trace(view, &view->frustum, row->samples, maps->depth, error));
+        UMB__TRY(umbt_layer_trace(view, &view->frustum, row->samples, maps->depth, error));
     }
     UMB__TRY(map_make(view, row, &view->frustum, row->samples > 1 ? maps->depth : view->depth, maps,
                       0, result, error));
     answer(view, (struct asking){.maps = maps->queries, .values = values}, result);
-    compare(view, view->truth[row->truth], values, result);
+    umbt_technique_compare(view, view->truth[row->truth], values, result);
     return UMB_OK;
 }
 
@@ -521,7 +539,7 @@ enum umb_status umbt_dag_run(const struct umbt_technique_view *view, const struc
     UMB__TRY(umb_query_prepare(asset, &settings, &query, error));
     answer(view, (struct asking){.query = &query, .values = values}, result);
     if (kind != UMBT_BOX) {
-        compare(view, view->truth[kind], values, result);
+        umbt_technique_compare(view, view->truth[kind], values, result);
     } else {
         box_truth(view, &view->frustum, &truth);
         truth.by_normal = 0;

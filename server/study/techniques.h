@@ -29,7 +29,9 @@ struct umbt_technique_view {
     uint32_t resolution; /* texels a side, of a map without cascades */
     uint32_t taps;       /* width of the filter, odd */
     double light_rad;    /* angular diameter */
+    const double *lamp;  /* [3], borrowed: position of a lamp; NULL: the light is the setup's sun */
     unsigned threads;
+    int quick; /* 1: times that do not agree are not measured again */
     struct umb_map_frustum frustum;
     float *depth; /* [resolution^2] */
     struct umbt_gbuffer buffer;
@@ -42,12 +44,27 @@ struct umbt_technique_view {
 /*
  * Traces layer, points and truths.
  *
- * In:    view: the fields from `setup` to `threads` are set; the rest is zero.
+ * In:    view: the fields from `setup` to `quick` are set; the rest is zero.
  * Fails: E_NO_MEMORY, E_ARGUMENT (the camera sees nothing).
  */
 UMB_CHECKED enum umb_status umbt_technique_view_make(struct umbt_technique_view *view,
                                                      struct umb_error *error);
 void umbt_technique_view_finish(struct umbt_technique_view *view);
+
+/* Makes the points that the camera sees and room for their truths. Fails: as
+ * umbt_technique_view_make. */
+UMB_CHECKED enum umb_status umbt_technique_points_make(struct umbt_technique_view *view,
+                                                       struct umb_error *error);
+
+/* Traces the depths of side * side samples of each texel. depth: [height][width][side * side]. */
+UMB_CHECKED enum umb_status umbt_layer_trace(const struct umbt_technique_view *view,
+                                             const struct umb_map_frustum *frustum, uint32_t side,
+                                             float *depth, struct umb_error *error);
+
+/* Returns whether a point of the view faces the light. Out: direction: to the light, unit.
+ * distance: to a lamp, metres. */
+int umbt_faces_light(const struct umbt_technique_view *view, size_t point, double direction[3],
+                     double *distance);
 
 /*
  * Computes the ray of the light through a texel's centre, from depth 0 to depth 1.
@@ -80,17 +97,17 @@ struct umbt_technique_result {
     struct umbt_seam seams[UMB_CASCADES_MAX];
 };
 
-/* Sums of differences from a truth. Zeroed before the first. */
-struct umbt_score {
-    double lighter, darker; /* Sums of what an answer has too much and too little */
-    size_t over, count;     /* Number of points off by more than 0.5; of all points */
-};
+/* Sets a result's errors: the differences of answers from a truth, over points that face the light.
+ * truth, values: float[receivers]. The truth is copied if the view wants it. */
+void umbt_technique_compare(const struct umbt_technique_view *view, const float *truth,
+                            const float *values, struct umbt_technique_result *result);
 
-/* Adds the difference of an answer from the truth. */
-void umbt_score_add(struct umbt_score *score, double difference);
-
-/* Sets the errors of a result: mean, its parts, over_half. */
-void umbt_score_finish(const struct umbt_score *score, struct umbt_technique_result *result);
+/* Returns a row's filter, completed with the view's width and biases. In: own: the row's. depth_m:
+ * depth of the map's frustum. light_size: diameter of the light, if the filter has one. */
+struct umb_map_filter umbt_technique_filter(const struct umbt_technique_view *view,
+                                            const struct umb_map_filter *own,
+                                            enum umbt_technique_truth truth, double depth_m,
+                                            double light_size);
 
 /* A picture with many drawings of one view, side by side. */
 struct umbt_sheet {

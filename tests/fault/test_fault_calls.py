@@ -68,13 +68,13 @@ with sweep.injected("memory", "ENOMEM") as board:
 client = test.client(daemon.grpc_unix, QUICK)
 points = ut.floats(ut.random_points((-100, -100, -10), (100, 100, 80), MANY, SEED))
 few = points[:240]
-job = client.submit({"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=512, sun="120,40")
+job = client.submit({"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=512, sun="120,40", verify=1000)
 status = client.finished_job(job.job, metadata=TOKEN)
 assert status.state == B.JOB_DONE, status
 ASSET = status.asset.hex() if isinstance(status.asset, bytes) else status.asset
 with open(gate, "wb"):  # from here on a bake takes minutes: none disturbs the counts
     pass
-waiting = client.submit({"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=256)
+waiting = client.submit({"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=256, verify=1000)
 ut.wait_until(lambda: next(client.watch_job(B.WatchRequest(job=waiting.job), metadata=TOKEN,
                                             timeout=60)).state == B.JOB_RUNNING, 20, "the held bake")
 
@@ -105,7 +105,7 @@ def bytes_of(replies):
 def submit_new():
     submissions[0] += 1
     files = {"city.glb": scene, "note.txt": b"%d" % submissions[0]}
-    reply = client.submit(files, "city.glb", metadata=TOKEN, resolution=256)
+    reply = client.submit(files, "city.glb", metadata=TOKEN, resolution=256, verify=1000)
     assert not reply.existing
     client.cancel_job(B.CancelRequest(job=reply.job), metadata=TOKEN, timeout=60,
                       wait_for_ready=True)
@@ -167,7 +167,7 @@ CALLS = {
     "DeriveMap": lambda: bytes_of(meta(derive_map, R.DeriveMapRequest(
         asset="city", width=64, height=64))),
     "Submit of a known bundle": lambda: client.submit(
-        {"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=512, sun="120,40").job,
+        {"city.glb": scene}, "city.glb", metadata=TOKEN, resolution=512, sun="120,40", verify=1000).job,
     "Submit and Cancel": submit_new,
     "Bakes.Watch": lambda: meta(client.watch_job, B.WatchRequest(job=job.job), first=True).job,
     "Bakes.List": lambda: len(meta(client.list_jobs, B.ListJobsRequest(limit=5)).jobs) > 1,

@@ -10,7 +10,7 @@
 #include "jobs/bundle.h"
 #include "jobs/worker_process.h"
 #include "wire/bakes.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 
 #define BUNDLE_BYTES ((uint64_t)1 << 30)

@@ -13,7 +13,7 @@ NEW = (1.0, 1.0)       # what a test without a line takes
 MOST_AT_ONCE = 4       # tests a processor
 LEAST_SHARE = 0.1      # processors
 WAITING_SHARE = 0.5    # processors: at most so much has a test that may overtake a larger one
-OVERLAP = 0.25         # processors above those that there are
+OVERLAP = 0.6          # processors above those that there are
 
 
 def name_of(test):

@@ -274,7 +274,7 @@ with test.check("Submit pays its token's rate, whatever it says, and for all its
 with test.check("a submission whose job exists pays for the call alone"):
     reload(f"studio query,submit {GOOD} 6400\nrobot submit {OTHER}\n")
     large = {**SCENE, "notes.txt": bytes(12 * 12800)}  # two seconds of that rate
-    first = client.submit(large, "box.ply", metadata=bearer(GOOD), resolution=64)
+    first = client.submit(large, "box.ply", metadata=bearer(GOOD), resolution=64, verify=1000)
     assert not first.existing
     time.sleep(2.5)
     for _ in range(20):  # with its files each would take two seconds
@@ -307,7 +307,7 @@ with test.check("a Watch of a job tells no more when its token is taken back"):
     jobs = test.daemon("--token-file", tokens, "--jobs", test.path("jobs2"), "--bake-threads", 1,
                        "--bake-program", program)
     client = test.client(jobs.grpc_tcp)
-    job = client.submit(SCENE, "box.ply", metadata=bearer(OTHER), resolution=64).job
+    job = client.submit(SCENE, "box.ply", metadata=bearer(OTHER), resolution=64, verify=1000).job
     watching = client.watch_job(B.WatchRequest(job=job), timeout=60, metadata=bearer(OTHER))
     while next(watching).state != B.JOB_RUNNING:
         pass

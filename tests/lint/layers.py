@@ -25,8 +25,9 @@ PARTS = {
     # The module calls the public headers, and sets queries by the table of settings.
     "client/web": ["client/include", "client/core/base"],
     "proto/net": CORE,
-    "proto/wire": CORE,
-    "client/rpc": [*CORE, "proto/net", "proto/wire"],
+    "proto/grpc": CORE,
+    "proto/wire": [*CORE, "proto/grpc"],
+    "client/rpc": [*CORE, "proto/net", "proto/grpc", "proto/wire"],
     # The toolbox of all programs.
     "client/tool": ["client/include", "client/core/base"],
     # The command is the first customer of the public headers; the load test is one of its commands.
@@ -40,7 +41,8 @@ PARTS = {
     "server/jobs": [*TOOL, "server/common", "server/scene/scene_file.h"],
     "server/rays": [*TOOL, "server/common", "server/scene"],
     "server/bake": [*TOOL, "server/common", "server/scene", "server/rays"],
-    "server/daemon": [*TOOL, "proto/net", "proto/wire", "server/common", "server/store", "server/jobs"],
+    "server/daemon": [*TOOL, "proto/net", "proto/grpc", "proto/wire", "server/common", "server/store",
+                      "server/jobs"],
     "server/study": [*TOOL, "server/common", "server/scene", "server/rays"],
 }
 

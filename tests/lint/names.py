@@ -14,7 +14,7 @@ import sys
 PUBLIC = "client/include"
 PREFIXES = {  # folder: its prefix; two underscores more for what one folder keeps to itself
     "client/core": "umb__", "client/rpc": "umb__", "client/tool": "umbu_", "client/cli": "umbc_", "client/web": "umbx_", "client/load": "umbc_",
-    "proto/wire": "umbw_", "proto/net": "umbn_", "server/common": "umbs_", "server/scene": "umbs_",
+    "proto/grpc": "umbw_", "proto/wire": "umbw_", "proto/net": "umbn_", "server/common": "umbs_", "server/scene": "umbs_",
     "server/store": "umbs_", "server/jobs": "umbj_", "server/rays": "umbr_", "server/bake": "umbb_",
     "server/daemon": "umbd_", "server/study": "umbt_",
 }

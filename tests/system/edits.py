@@ -21,13 +21,15 @@ BAKE = os.path.join(BUILD, "umbrage-bake")
 LOG2 = int(os.environ.get("UMBRAGE_EDITS_LOG2", "12"))
 SETTINGS = ["--resolution", str(1 << LOG2), "--tile", str(1 << (LOG2 - 3)), "--sun", "140,38",
             "--quiet", "--json"]
+VERIFY = os.environ.get("UMBRAGE_EDITS_VERIFY", "1000000")  # points of a self-check that inherits nothing
 GLASS = "newmtl umbrage_glass\nd 0.4\n"
 KINDS = ("move", "move", "move", "add", "remove", "material", "none")
 
 
 def bake(*words, expect=0):
     """Runs umbrage-bake; returns its JSON, or its complaint where another exit code is expected."""
-    done = subprocess.run([BAKE, *words], capture_output=True, text=True, check=False)
+    verify = [] if "--verify" in words else ["--verify", VERIFY]
+    done = subprocess.run([BAKE, *words, *verify], capture_output=True, text=True, check=False)
     if done.returncode != expect:
         raise SystemExit(f"{' '.join(words)}: exit code {done.returncode}, not {expect}: {done.stderr}")
     return json.loads(done.stdout) if expect == 0 else done.stderr

@@ -34,7 +34,7 @@ for name, words, camera, lights in area_lights.SCENES:
 with test.check("boxes and segments of an area light agree with rays"):
     scene = area_lights.make_scene("room", None, test.folder)
     asset = test.path("room.umb")
-    ut.run("umbrage-bake", scene, "-o", asset, "--resolution", 1024, "--area", "0,0,2.7,0,0,-1,1.2,0.6", "--quiet")
+    ut.run("umbrage-bake", scene, "-o", asset, "--resolution", 1024, "--area", "0,0,2.7,0,0,-1,1.2,0.6", "--verify", 20000, "--quiet")
     for kind in ("boxes", "segments"):
         ut.run("umbrage", "verify", asset, "--scene", scene, "--ask", kind, "--points", 20000)
 
@@ -98,7 +98,7 @@ with test.check("a daemon describes and answers them as the file does"):
     daemon.stop()
 
 with test.check("without penumbras area lights are kept as points that shine to one side"):
-    ut.run("umbrage-bake", scene, "-o", asset, "--resolution", 256, "--effect", "penumbra=off", "--quiet")
+    ut.run("umbrage-bake", scene, "-o", asset, "--resolution", 256, "--effect", "penumbra=off", "--verify", 20000, "--quiet")
     bare = lights_of(asset)
     assert [light["kind"] for light in bare] == [light["kind"] for light in found], bare
     assert all(light["extent"] == 0 for light in bare) and bare[2]["side"] == [0, 0, 0], bare

@@ -8,16 +8,16 @@
 
 "$BUILD/scenegen" houses --size 6 -o "$folder/houses.glb" 2>/dev/null
 
-share() { # KEY SUN OPTION...
-    key=$1 sun=$2
+share() { # KEY SUN OPTION...: pictures of equal options are drawn once
+    key=$1 sun=$2 row=$folder/row-$(echo "$*" | cut -d' ' -f2- | tr ' ' _)
     shift 2
-    "$BUILD/umbrage" render "$folder/houses.glb" --asset "$folder/$sun.umb" --compare --aa 1 --json \
-        "$@" >"$folder/out" 2>"$folder/err" || cat "$folder/err" >&2
+    [ -s "$row" ] || "$BUILD/umbrage" render "$folder/houses.glb" --asset "$folder/$sun.umb" \
+        --compare --aa 1 --json "$@" >"$row" 2>"$folder/err" || cat "$folder/err" >&2
     /usr/bin/python3 -c '
 import json, sys
 row = json.load(open(sys.argv[2]))
 assert row["judged"] > 5000, row
-print(f"{100 * row[sys.argv[1]]:.3f}")' "$key" "$folder/out"
+print(f"{100 * row[sys.argv[1]]:.3f}")' "$key" "$row"
 }
 
 below() { # SENTENCE SHARE BOUND

@@ -12,7 +12,8 @@ import subprocess
 import sys
 import tempfile
 
-os.environ.setdefault("UMBRAGE_EDITS_LOG2", "11")  # before the module reads it
+os.environ.setdefault("UMBRAGE_EDITS_LOG2", "11")  # before the module reads them
+os.environ.setdefault("UMBRAGE_EDITS_VERIFY", "200000")  # 3000 points a tile
 import edits
 
 EDITS = 6
@@ -102,7 +103,8 @@ def spoilt(folder, scene, moved, out, assets, cache):
                 content = forged(bytes(content), read(os.path.join(cache, draw.choice(names))))
             write(path, content)
         which = round_ % 2
-        got = subprocess.run([edits.BAKE, (scene, moved)[which], "-o", out, "--cache", bad, *edits.SETTINGS],
+        got = subprocess.run([edits.BAKE, (scene, moved)[which], "-o", out, "--cache", bad, *edits.SETTINGS,
+                              "--verify", edits.VERIFY],
                              capture_output=True, text=True, check=False)
         # A forged tile without a record may end the bake: then nothing is published.
         good = assets[which] in got.stdout if got.returncode == 0 else (
@@ -143,8 +145,8 @@ def shared(folder, scene, out, asset):
     check("a cache that others can change proves nothing",
           report["asset"] == asset and report["verify"]["sampled"] and report["tiles_found"] == 64, report)
     words = [word for word in edits.SETTINGS if word != "--quiet"]
-    told = subprocess.run([edits.BAKE, scene, "-o", out, "--cache", cache, *words], capture_output=True,
-                          text=True, check=True).stderr
+    told = subprocess.run([edits.BAKE, scene, "-o", out, "--cache", cache, *words, "--verify", edits.VERIFY],
+                          capture_output=True, text=True, check=True).stderr
     check("and a notice says why", "compares every tile" in told and "mode 0770" in told, told)
 
 

@@ -308,7 +308,7 @@ with test.check("a token's rate counts bytes; beyond it 429 says when to come ag
     ut.wait_until(lambda: ask(guarded, method="HEAD", token=BOB)[0] == 200, 20, "its rate recovers")
 
 with test.check("an asset of a job is for its owner"):
-    made = ut.run("umbrage", "submit", test.scene("city", 4), "--resolution", 512, "--sun", "120,40", "--wait",
+    made = ut.run("umbrage", "submit", test.scene("city", 4), "--resolution", 512, "--sun", "120,40", "--verify", 1000, "--wait",
                   "--json", env={"UMBRAGE_ADDRESS": guarded.grpc_unix, "UMBRAGE_TOKEN": ANN})
     job_asset = re.search(r'"asset": *"([0-9a-f]{64})"', made.stdout.decode()).group(1)
     path = f"/assets/by-id/{job_asset}.umb"

@@ -34,7 +34,7 @@ client = test.client(daemon.grpc_tcp)
 
 
 def bake(who, **settings):
-    job = client.submit(scene, "a.glb", WHO[who], **settings).job
+    job = client.submit(scene, "a.glb", WHO[who], **{"verify": 20000, **settings}).job
     return client.finished_job(job, WHO[who])
 
 
@@ -51,7 +51,7 @@ with test.check("baking again what lies in the store by a name takes it from nob
     assert "city" in [asset.name for asset in listed], listed
 
 with test.check("an operator's file named by its id stays, whoever bakes and deletes that asset"):
-    own = test.bake(test.scene("city", 4), test.path("own.umb"), "--resolution", 64)["asset"]
+    own = test.bake(test.scene("city", 4), test.path("own.umb"), "--resolution", 64, "--verify", 1000)["asset"]
     path = os.path.join(STORE, own + ".umb")
     os.rename(test.path("own.umb"), path)
     before = os.stat(path)

@@ -112,7 +112,9 @@ def outside(tree, compiler, kind):
     words(*compiler, "-pedantic", "-Wall", "-Werror", "-o", out, SOURCE, "-x", "none", *flags, cwd=test.folder)
     needed = words("readelf", "--wide", "--dynamic", out)
     assert ("libumbrage-core.so.1" in needed and "libumbrage.so.1" in needed) == (kind == "shared"), needed
-    return words(out, asset, test.path("pieces"), env={"LD_LIBRARY_PATH": folder}, stdin=points).encode().split()
+    done = subprocess.run([out, asset, test.path("pieces")], input=points, stdout=subprocess.PIPE, check=True,
+                          env={**os.environ, "LD_LIBRARY_PATH": folder})
+    return [b"%.9g" % value for value in ut.from_floats(done.stdout)]
 
 
 # Where both kinds are, the linker takes the shared library; so a moved tree with archives alone has

@@ -8,7 +8,7 @@
 bake() { # OUT OPTION...
     out=$1
     shift
-    "$BUILD/umbrage-bake" "$scene" -o "$folder/$out.umb" --json --quiet --sun 140,30 \
+    "$BUILD/umbrage-bake" "$scene" -o "$folder/$out.umb" --json --quiet --sun 140,30 --verify 50000 \
         --resolution 1024 "$@" >"$folder/json" 2>"$folder/err" || cat "$folder/err" >"$folder/json"
     json "$folder/json" "['asset']"
 }

@@ -92,20 +92,20 @@ with test.check("files of a glTF and an OBJ are gathered, and no others"):
                                   "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}]}, file)
     shutil.copyfile(test.path("deep", "data files", "a.bin"), test.path("deep", "models", "a.bin"))
     gltf = test.path("deep", "models", "a.gltf")
-    expected = test.bake(gltf, test.path("gltf.umb"), "--resolution", 64)["asset"]
-    assert answer("submit", gltf, "--resolution", 64, "--wait")["asset"] == expected
+    expected = test.bake(gltf, test.path("gltf.umb"), "--resolution", 64, "--verify", 1000)["asset"]
+    assert answer("submit", gltf, "--resolution", 64, "--verify", 1000, "--wait")["asset"] == expected
     with open(test.path("deep", "models", "a.obj"), "w", encoding="ascii") as file:
         file.write("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
     with open(test.path("deep", "models", "a.mtl"), "w", encoding="ascii") as file:
         file.write("newmtl m\nmap_Kd -s 1 1 1 ../data\\ files/no.png\n")
     obj = test.path("deep", "models", "a.obj")
-    expected = test.bake(obj, test.path("obj.umb"), "--resolution", 64)["asset"]
-    done = cli("submit", obj, "--resolution", 64, "--wait", "--json")
+    expected = test.bake(obj, test.path("obj.umb"), "--resolution", 64, "--verify", 1000)["asset"]
+    done = cli("submit", obj, "--resolution", 64, "--verify", 1000, "--wait", "--json")
     assert json.loads(done.stdout)["asset"] == expected
     os.rename(test.path("deep", "models", "a.mtl"), test.path("deep", "a.mtl"))
     with open(obj, "a", encoding="ascii") as file:
         file.write("mtllib ../a.mtl\n")
-    done = cli("submit", obj, "--resolution", 64, "--json")
+    done = cli("submit", obj, "--resolution", 64, "--verify", 1000, "--json")
     assert b"'../a.mtl', which is not sent" in done.stderr, done.stderr
     job = json.loads(done.stdout)["job"]
     assert answer("watch", job, code=None)["state"] in ("done", "failed")
@@ -125,8 +125,8 @@ with test.check("a map whose name has blanks goes along, behind its options too"
         file.write("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
                    "usemtl leaf\nf 1/1 2/2 3/3\n")
     obj = test.path("leaves", "a.obj")
-    expected = test.bake(obj, test.path("leaf.umb"), "--resolution", 64)
-    assert answer("submit", obj, "--resolution", 64, "--wait")["asset"] == expected["asset"]
+    expected = test.bake(obj, test.path("leaf.umb"), "--resolution", 64, "--verify", 1000)
+    assert answer("submit", obj, "--resolution", 64, "--verify", 1000, "--wait")["asset"] == expected["asset"]
 
 with test.check("a link out of the scene's folder is not followed"):
     os.remove(test.path("deep", "models", "a.bin"))

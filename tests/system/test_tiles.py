@@ -121,7 +121,7 @@ def farm(folder, scene, asset):
                                 stdout=subprocess.DEVNULL)
                for only in ("0-20", "0-31", "21-62", "63")]
     check("tiles at once", [worker.wait() for worker in workers] == [0] * 4)
-    merged = bake("merge", scene, "--from", tiles, "-o", out, *SETTINGS)
+    merged = bake("merge", scene, "--from", tiles, "-o", out, "--verify", "20000", *SETTINGS)
     check("merged tiles have the id of one bake", merged["asset"] == asset, merged)
     check("nothing is baked by a merge", merged["texels"] == 0)
     report = bake("tile", scene, "-o", tiles, *SETTINGS)
@@ -144,7 +144,7 @@ def imported(folder, scene, asset):
     check("its tiles are those of the scene",
           bake("tile", "--scene-buffer", once, "-o", tiles, *SETTINGS)["tiles_found"] == 64)
     check("and merge", bake("merge", "--scene-buffer", once, "--from", tiles, "-o", out,
-                            *SETTINGS)["asset"] == asset)
+                            "--verify", "20000", *SETTINGS)["asset"] == asset)
     for name in ("once.scene", "evil.glb", "evil.gltf", "evil.obj", "evil.ply", "evil.stl"):
         evil = os.path.join(folder, name)
         if evil != once:
@@ -177,7 +177,7 @@ def lights(folder, scene):
     whole = bake(scene, "-o", out, "--verify", "0", "--tile", "512", *settings[:2], *settings[4:])
     for only in ("0-20", "21-70", "70-111"):
         bake("tile", scene, "-o", tiles, "--only", only, *settings)
-    merged = bake("merge", scene, "--from", tiles, "-o", out, *settings)
+    merged = bake("merge", scene, "--from", tiles, "-o", out, "--verify", "20000", *settings)
     check("tiles of several lights merge to the id of one bake", merged["asset"] == whole["asset"])
 
 
@@ -196,7 +196,7 @@ def killed_and_resumed(folder, scene, asset):
         process.wait()
     check("a killed bake leaves no asset, or a whole one", not os.path.exists(out) or subprocess.run(
         [os.path.join(BUILD, "umbrage"), "verify", out, "--quiet"], check=False).returncode == 0)
-    report = bake(scene, "-o", out, "--cache", cache, *SETTINGS)
+    report = bake(scene, "-o", out, "--cache", cache, "--verify", "20000", *SETTINGS)
     check("resumed: the same id", report["asset"] == asset, report)
     check("resumed: tiles of killed bakes are used", report["tiles_found"] > 0, report)
 

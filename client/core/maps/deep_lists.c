@@ -169,8 +169,9 @@ static void links_make(struct umb__deep *deep)
     }
 }
 
-/* Mean length of non-empty lists up to which a stream is faster than links: from 28 for smooth
- * sheets to beyond 40 for hair, at 7 x 7 (`make bench-deep-ways`, docs/results/techniques.md). */
+/* Mean length of non-empty lists up to which UMB_MAP_DEEP_AUTO streams. A stream is faster than
+ * links up to 36 nodes of smooth sheets and beyond 40 of hair, at 7 x 7 (`make bench-deep-ways`,
+ * docs/results/maps.md). */
 #define STREAM_MEAN 32U
 
 static enum umb_map_deep_way choose_way(const struct umb__deep *deep)

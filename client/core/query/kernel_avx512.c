@@ -24,6 +24,7 @@
 #define UMB__TOUCHED_STATES umb__touched_states_avx512
 #define UMB__SPREAD_SETTLED umb__spread_settled_avx512
 #define UMB__COUNT_WINDOWS  umb__count_windows_avx512
+#define UMB__WEIGH_ONE      umb__weigh_one_avx2
 #define UMB__WEIGH_WINDOWS  umb__weigh_windows_avx512
 #define UMB__RUNS_OF        umb__runs_of_avx512
 #define UMB__MERGE_HEADS    umb__merge_heads

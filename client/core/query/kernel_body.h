@@ -25,6 +25,9 @@
 #define UMB__READ_RUNS      umb__read_runs
 #define UMB__READ_BRICK     umb__read_brick
 #endif
+#ifndef UMB__WEIGH_ONE
+#define UMB__WEIGH_ONE umb__weigh_one
+#endif
 #ifndef UMB__WEIGH_WINDOWS
 #define UMB__WEIGH_WINDOWS umb__weigh_windows
 #endif

@@ -82,19 +82,19 @@ static inline struct umb__closeness umb__compare_points_avx2(struct umb__block *
 
 /* A brick in two registers, each with four slices. A slice is two words of 32 bits, the lower one
  * for y & 4 == 0. */
-struct umb__brick_halves {
+struct umb__brick_lanes {
     __m256i low, high;
 };
 
-static inline struct umb__brick_halves umb__load_halves(const uint64_t brick[8])
+static inline struct umb__brick_lanes umb__load_brick(const uint64_t brick[8])
 {
     const __m256i *words = (const __m256i *)(const void *)brick;
-    return (struct umb__brick_halves){_mm256_loadu_si256(words), _mm256_loadu_si256(words + 1)};
+    return (struct umb__brick_lanes){_mm256_loadu_si256(words), _mm256_loadu_si256(words + 1)};
 }
 
 /* Answers the points i .. i + 7 from a brick. */
 static inline void umb__read_eight(struct umb__block *block, uint32_t i,
-                                   struct umb__brick_halves brick)
+                                   struct umb__brick_lanes brick)
 {
     const __m256i one = _mm256_set1_epi32(1), three = _mm256_set1_epi32(3);
     const __m256i seven = _mm256_set1_epi32(7);
@@ -110,37 +110,6 @@ static inline void umb__read_eight(struct umb__block *block, uint32_t i,
     __m256i bit = (x & seven) | _mm256_slli_epi32(y & three, 3);
     __m256i lit = _mm256_srlv_epi32(_mm256_castps_si256(word), bit);
     _mm256_storeu_si256((__m256i *)(void *)(block->lit + i), lit & one);
-}
-
-static inline void umb__read_brick_avx2(struct umb__block *block, const uint64_t brick[8])
-{
-    const struct umb__brick_halves halves = umb__load_halves(brick);
-    for (uint32_t i = 0; i < UMB__BLOCK; i += 8) {
-        umb__read_eight(block, i, halves);
-    }
-}
-
-/* Always writes eight points; the next run overwrites the excess. */
-static inline void umb__read_runs_avx2(struct umb__block *block, const struct umb__block *heads,
-                                       const struct umb__runs *runs,
-                                       const uint64_t *const brick[UMB__BLOCK])
-{
-    const uint64_t settled = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
-    uint32_t kept[UMB__BLOCK];
-    (void)heads;
-    if (settled) {
-        memcpy(kept, block->lit, sizeof kept);
-    }
-    for (uint32_t h = 0; h < runs->count; h++) {
-        const struct umb__brick_halves halves = umb__load_halves(brick[h]);
-        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
-            umb__read_eight(block, i, halves);
-        }
-    }
-    for (uint64_t rest = settled; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        block->lit[i] = kept[i];
-    }
 }
 
 #endif

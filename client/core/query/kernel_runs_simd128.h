@@ -31,14 +31,14 @@ static inline struct umb__closeness umb__compare_points_simd128(struct umb__bloc
 }
 
 /* A brick in four registers, each with two slices. A byte is a row of a slice. */
-struct umb__brick_quarters {
+struct umb__brick_lanes {
     v128_t of[4];
 };
 
-static inline struct umb__brick_quarters umb__load_quarters(const uint64_t brick[8])
+static inline struct umb__brick_lanes umb__load_brick(const uint64_t brick[8])
 {
-    return (struct umb__brick_quarters){{wasm_v128_load(brick), wasm_v128_load(brick + 2),
-                                         wasm_v128_load(brick + 4), wasm_v128_load(brick + 6)}};
+    return (struct umb__brick_lanes){{wasm_v128_load(brick), wasm_v128_load(brick + 2),
+                                      wasm_v128_load(brick + 4), wasm_v128_load(brick + 6)}};
 }
 
 /* Low three bits of each of eight integers, in the low eight bytes. */
@@ -53,7 +53,7 @@ UMB__INLINE v128_t umb__low_bits(const int32_t *at)
 /* Answers the points i .. i + 7 from a brick: finds the row of each as one of 64 bytes, and the
  * texel's bit in it. A swizzle gives 0 for indices beyond its 16 bytes. */
 UMB__INLINE void umb__read_eight(struct umb__block *block, uint32_t i,
-                                 struct umb__brick_quarters brick)
+                                 struct umb__brick_lanes brick)
 {
     const v128_t bits = wasm_i8x16_make(1, 2, 4, 8, 16, 32, 64, -128, 0, 0, 0, 0, 0, 0, 0, 0);
     const v128_t z = umb__low_bits(block->z + i), y = umb__low_bits(block->y + i);
@@ -68,37 +68,6 @@ UMB__INLINE void umb__read_eight(struct umb__block *block, uint32_t i,
     const v128_t words = wasm_i16x8_extend_low_i8x16(wasm_i8x16_add(dark, wasm_i8x16_splat(1)));
     wasm_v128_store(block->lit + i, wasm_u32x4_extend_low_u16x8(words));
     wasm_v128_store(block->lit + i + 4, wasm_u32x4_extend_high_u16x8(words));
-}
-
-static inline void umb__read_brick_simd128(struct umb__block *block, const uint64_t brick[8])
-{
-    const struct umb__brick_quarters quarters = umb__load_quarters(brick);
-    for (uint32_t i = 0; i < UMB__BLOCK; i += 8) {
-        umb__read_eight(block, i, quarters);
-    }
-}
-
-/* Always writes eight points; the next run overwrites the excess. */
-static inline void umb__read_runs_simd128(struct umb__block *block, const struct umb__block *heads,
-                                          const struct umb__runs *runs,
-                                          const uint64_t *const brick[UMB__BLOCK])
-{
-    const uint64_t settled = ~block->todo & UINT64_MAX >> (UMB__BLOCK - block->size);
-    uint32_t kept[UMB__BLOCK];
-    (void)heads;
-    if (settled) {
-        memcpy(kept, block->lit, sizeof kept);
-    }
-    for (uint32_t h = 0; h < runs->count; h++) {
-        const struct umb__brick_quarters quarters = umb__load_quarters(brick[h]);
-        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i += 8) {
-            umb__read_eight(block, i, quarters);
-        }
-    }
-    for (uint64_t rest = settled; rest; rest &= rest - 1) {
-        uint32_t i = umb__first_bit(rest);
-        block->lit[i] = kept[i];
-    }
 }
 
 #endif

@@ -40,17 +40,4 @@ UMB__INLINE uint32_t umb__weigh_one_avx2(const struct umb__tent *tent, struct um
     return (uint32_t)(_mm_cvtsi128_si32(half) + _mm_extract_epi32(half, 1));
 }
 
-UMB__INLINE void umb__weigh_windows_avx2(const struct umb__tent *tent, struct umb__block *block,
-                                         uint64_t heads, const struct umb__runs *runs,
-                                         uint32_t side, const uint64_t *const *brick)
-{
-    for (uint64_t rest = heads; rest; rest &= rest - 1) {
-        const uint32_t h = umb__first_bit(rest);
-        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
-            const struct umb__voxel at = {block->x[i], block->y[i], block->z[i]};
-            block->lit[i] = umb__weigh_one_avx2(tent, at, side, brick + 16 * h);
-        }
-    }
-}
-
 #endif

@@ -41,17 +41,4 @@ UMB__INLINE uint32_t umb__weigh_one_simd128(const struct umb__tent *tent, struct
                       wasm_i32x4_extract_lane(pairs, 2) + wasm_i32x4_extract_lane(pairs, 3));
 }
 
-UMB__INLINE void umb__weigh_windows_simd128(const struct umb__tent *tent, struct umb__block *block,
-                                            uint64_t heads, const struct umb__runs *runs,
-                                            uint32_t side, const uint64_t *const *brick)
-{
-    for (uint64_t rest = heads; rest; rest &= rest - 1) {
-        const uint32_t h = umb__first_bit(rest);
-        for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
-            const struct umb__voxel at = {block->x[i], block->y[i], block->z[i]};
-            block->lit[i] = umb__weigh_one_simd128(tent, at, side, brick + 16 * h);
-        }
-    }
-}
-
 #endif

@@ -83,17 +83,22 @@ UMB__INLINE uint32_t umb__weigh_one(const struct umb__tent *tent, struct umb__vo
     return lit;
 }
 
-/* Adds up the weights of the windows of all runs whose heads are given. The arguments are those of
- * umb__count_windows. */
-UMB__INLINE void umb__weigh_windows(const struct umb__tent *tent, struct umb__block *block,
-                                    uint64_t heads, const struct umb__runs *runs, uint32_t side,
+/* umb__weigh_one, or one with vectors that gives the same integers. */
+typedef uint32_t umb__weigh_fn(const struct umb__tent *tent, struct umb__voxel at, uint32_t side,
+                               const uint64_t *const *brick);
+
+/* Adds up the weights of the windows of all runs whose heads are given, each window by `one`. The
+ * other arguments are those of umb__count_windows. */
+UMB__INLINE void umb__weigh_windows(umb__weigh_fn *one, const struct umb__tent *tent,
+                                    struct umb__block *block, uint64_t heads,
+                                    const struct umb__runs *runs, uint32_t side,
                                     const uint64_t *const *brick)
 {
     for (uint64_t rest = heads; rest; rest &= rest - 1) {
         const uint32_t h = umb__first_bit(rest);
         for (uint32_t i = runs->first[h]; i < runs->first[h + 1]; i++) {
             const struct umb__voxel at = {block->x[i], block->y[i], block->z[i]};
-            block->lit[i] = umb__weigh_one(tent, at, side, brick + 16 * h);
+            block->lit[i] = one(tent, at, side, brick + 16 * h);
         }
     }
 }

@@ -302,9 +302,9 @@ UMB__INLINE void count_windows(const struct umb__query *q, const struct umb__win
         find_bricks(q, heads, &cells, 3, brick, stats);
     }
     if (tent != NULL && narrow) {
-        UMB__WEIGH_WINDOWS(tent, block, heads->todo, runs, 2, brick);
+        UMB__WEIGH_WINDOWS(UMB__WEIGH_ONE, tent, block, heads->todo, runs, 2, brick);
     } else if (tent != NULL) {
-        UMB__WEIGH_WINDOWS(tent, block, heads->todo, runs, 3, brick);
+        UMB__WEIGH_WINDOWS(UMB__WEIGH_ONE, tent, block, heads->todo, runs, 3, brick);
     } else if (narrow) {
         UMB__COUNT_WINDOWS(masks, block, heads->todo, runs, 2, brick);
     } else {

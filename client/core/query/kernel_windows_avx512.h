@@ -174,12 +174,13 @@ UMB__INLINE __m256i umb__weigh_eight(const struct umb__tent *tent, const struct 
 
 /* Does what umb__weigh_windows does, eight windows of a run at a time as in
  * umb__count_windows_avx512. */
-UMB__INLINE void umb__weigh_windows_avx512(const struct umb__tent *tent, struct umb__block *block,
-                                           uint64_t heads, const struct umb__runs *runs,
-                                           uint32_t side, const uint64_t *const *brick)
+UMB__INLINE void umb__weigh_windows_avx512(umb__weigh_fn *one, const struct umb__tent *tent,
+                                           struct umb__block *block, uint64_t heads,
+                                           const struct umb__runs *runs, uint32_t side,
+                                           const uint64_t *const *brick)
 {
     if (runs->count == block->size) {
-        umb__weigh_windows_avx2(tent, block, heads, runs, side, brick);
+        umb__weigh_windows(one, tent, block, heads, runs, side, brick);
         return;
     }
     for (uint64_t rest = heads; rest; rest &= rest - 1) {

@@ -51,6 +51,7 @@ struct umb_range {
  */
 typedef enum umb_status (*umb_range_fn)(void *user, size_t index, const void *bytes, size_t size);
 
+/* Fill in `read` or `read_at`. */
 struct umb_region_source {
     /*
      * Reads ranges, in any order or several at once, and calls `got` exactly once for each range. A
@@ -61,8 +62,16 @@ struct umb_region_source {
      */
     enum umb_status (*read)(void *user, const struct umb_range *ranges, size_t count,
                             umb_range_fn got, void *got_user, struct umb_error *error);
-    void *user;           /* First argument of `read` */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    void *user; /* First argument of `read` and `read_at` */
+    /*
+     * Called if `read` is NULL: reads 1 to `size` bytes of the file at `offset`, and sets *got to
+     * their number, 0 at the end of the file. The region asks again for the rest of a range.
+     *
+     * Fails: as `read`.
+     */
+    enum umb_status (*read_at)(void *user, uint64_t offset, void *bytes, size_t size, size_t *got,
+                               struct umb_error *error);
+    uint64_t reserved[3]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
 struct umb_region_options {
@@ -134,8 +143,8 @@ UMB_API void umb_region_close(struct umb_region *region);
  * Fetches missing pages that the views need. Stops when none is missing, when max_bytes is reached,
  * or when the missing pages do not fit the memory budget.
  *
- * In:    request: view_count 0 fetches the pages that queries with want = 1 missed since the last
- *        update.
+ * In:    request: NULL fetches the whole asset. view_count 0 fetches the pages that queries with
+ *        want = 1 missed since the last update.
  * Fails: E_ARGUMENT (views), as the source or progress, E_CORRUPT (the page is named). Pages
  *        received before stay and are laid out.
  */

@@ -10,6 +10,7 @@
 #include "bake/analysis/light_frame.h"
 #include "bake/analysis/sun_position.h"
 #include "bake/base/print_text.h"
+#include "base/memory.h"
 #include "base/try.h"
 #include "base/vec.h"
 
@@ -54,16 +55,10 @@ static enum umb_status add_light(struct chooser *c, enum umb_light_kind kind,
         return umb_fail(error, UMB_E_ARGUMENT, "lights: more than %d, the most that an asset holds",
                         UMB_LIGHTS_MAX);
     }
-    if (choice->count == choice->capacity) {
-        const uint32_t capacity = choice->capacity == 0 ? 8 : 2 * choice->capacity;
-        struct umb_light_info *lights = realloc(choice->lights, capacity * sizeof *lights);
-        choice->lights = lights != NULL ? lights : choice->lights;
-        double *cones = realloc(choice->cones, capacity * sizeof *cones);
-        choice->cones = cones != NULL ? cones : choice->cones;
-        if (lights == NULL || cones == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %u refused", capacity);
-        }
-        choice->capacity = capacity;
+    const size_t needed = choice->count + 1U;
+    if (!umb__grow(NULL, &choice->lights, &choice->capacity, needed, sizeof *choice->lights) ||
+        !umb__grow(NULL, &choice->cones, &choice->cone_capacity, needed, sizeof *choice->cones)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "lights: memory for %zu refused", needed);
     }
     choice->cones[choice->count] = 0.0;
     *light = &choice->lights[choice->count++];

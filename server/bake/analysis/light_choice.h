@@ -14,7 +14,8 @@ struct umbb_light_choice {
     /* [count] Lights with name, kind, unit direction, position and extent; without frusta. */
     struct umb_light_info *lights;
     double *cones; /* [count] half the angle of a spot light's cone, radians */
-    uint32_t count, capacity;
+    uint32_t count;
+    size_t capacity, cone_capacity;
     char *notices; /* lines, or NULL */
     size_t notice_bytes;
 };

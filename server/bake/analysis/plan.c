@@ -551,12 +551,9 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     double edges[3];
     umb_frustum_voxel_edges(&a->frusta[0], edges);
     umbu_json_begin(&json, NULL, '{');
-    umbu_json_integer(&json, "triangles", a->count);
-    umbu_json_integer(&json, "degenerate", a->degenerate_count);
-    umbu_json_integer(&json, "duplicate", a->duplicate_count);
-    umbu_json_integer(&json, "unusable_faces", view->dropped_faces);
-    umbu_json_integer(&json, "parts", a->part_count);
-    umbu_json_integer(&json, "closed_parts", a->closed_part_count);
+    UMBU_JSON_COUNTS(&json, {"triangles", a->count}, {"degenerate", a->degenerate_count},
+                     {"duplicate", a->duplicate_count}, {"unusable_faces", view->dropped_faces},
+                     {"parts", a->part_count}, {"closed_parts", a->closed_part_count});
     umbu_json_bool(&json, "closed", a->closed_rule);
     umbu_json_text(&json, "up", a->z_up ? "z" : "y");
     umbu_json_text(&json, "up_reason", a->up_reason);
@@ -566,9 +563,8 @@ void umbb_plan_print_json(FILE *to, const struct umbb_analysis *a,
     umbu_json_end(&json, '}');
     umbu_json_vector(&json, "origin", a->origin);
     umbb_lights_put(&json, a->choice.lights, a->choice.count);
-    umbu_json_integer(&json, "frusta", a->frustum_count);
-    umbu_json_integer(&json, "resolution", 1U << a->frusta[0].log2_size);
-    umbu_json_integer(&json, "tiles", tiles);
+    UMBU_JSON_COUNTS(&json, {"frusta", a->frustum_count},
+                     {"resolution", 1U << a->frusta[0].log2_size}, {"tiles", tiles});
     umbu_json_vector(&json, "voxel_m", edges);
     put_prices(&json, a);
     put_lines(&json, "plan", plan);

@@ -9,6 +9,7 @@
  */
 #include "bake/build/columns.h"
 
+#include "base/memory.h"
 #include "base/try.h"
 
 #include <stdlib.h>
@@ -23,21 +24,11 @@ void umbb_runs_finish(struct umbb_runs *runs)
 /* Makes room for more runs. */
 static enum umb_status reserve(struct umbb_runs *runs, size_t more, struct umb_error *error)
 {
-    if (runs->capacity - runs->count >= more) {
-        return UMB_OK;
-    }
-    size_t capacity = runs->capacity == 0 ? 1024 : runs->capacity;
-    while (capacity - runs->count < more) {
-        capacity *= 2;
-    }
-    struct umbb_column_run *items = realloc(runs->items, capacity * sizeof *items);
-    if (items == NULL) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "column runs: %zu bytes refused",
-                        capacity * sizeof *items);
-    }
-    runs->items = items;
-    runs->capacity = capacity;
-    return UMB_OK;
+    const size_t needed = runs->count + more;
+    return umb__grow(NULL, &runs->items, &runs->capacity, needed, sizeof *runs->items)
+               ? UMB_OK
+               : umb_fail(error, UMB_E_NO_MEMORY, "column runs: %zu bytes refused",
+                          needed * sizeof *runs->items);
 }
 
 enum umb_status umbb_runs_keep(struct umbb_runs *to, const struct umbb_runs *from,

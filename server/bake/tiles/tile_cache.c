@@ -17,6 +17,7 @@
 #include <zstd.h>
 
 #include "base/bytes.h"
+#include "base/memory.h"
 #include "common/file_system.h"
 #include "tool/output.h"
 
@@ -62,15 +63,9 @@ static int is_temporary(const char *name)
 static enum umb_status remember(struct entries *entries, const char *name, const struct stat *facts,
                                 struct umb_error *error)
 {
-    if (entries->count == entries->capacity) {
-        const size_t capacity = entries->capacity == 0 ? 256 : 2 * entries->capacity;
-        struct entry *items = realloc(entries->items, capacity * sizeof *items);
-        if (items == NULL) {
-            return umb_fail(error, UMB_E_NO_MEMORY, "tile cache: memory for %zu names refused",
-                            capacity);
-        }
-        entries->items = items;
-        entries->capacity = capacity;
+    const size_t needed = entries->count + 1;
+    if (!umb__grow(NULL, &entries->items, &entries->capacity, needed, sizeof *entries->items)) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "tile cache: memory for %zu names refused", needed);
     }
     struct entry *entry = &entries->items[entries->count++];
     memcpy(entry->name, name, NAME_LENGTH + 1);

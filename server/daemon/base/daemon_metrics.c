@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "tool/clock.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "umbrage/version.h"
 
 static const char *const abuse_names[UMBD_ABUSE_COUNT] = {

@@ -26,7 +26,7 @@
 #include "daemon/transport/conn.h"
 #include "daemon/transport/http1_request.h"
 #include "daemon/work/batch.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 
 #define UMBD_GRACE_MS 1000 /* time from an early failure to the reset of the upload */

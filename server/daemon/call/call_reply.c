@@ -7,7 +7,7 @@
  * HTTP/2, "Responses" (github.com/grpc/grpc, doc/PROTOCOL-HTTP2.md).
  */
 #include "daemon/call/call.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -68,7 +68,7 @@ const struct umbd_method umbd_web_method = {.path = "/assets/",
                                             .price = BY_CALL,
                                             .serve = umbd_web_serve,
                                             .more = umbd_web_body_more,
-                                            .tick = umbd_web_body_tick,
+                                            .tick = umbd_web_body_more,
                                             .close = umbd_web_body_close};
 
 _Static_assert(sizeof umbd_methods / sizeof umbd_methods[0] <= UMBD_METHODS_MAX, "counters");

@@ -65,7 +65,7 @@ static void answer(struct umbd_call *call, struct umbd_task *task)
         return;
     }
     const struct umbw_sample_reply reply = {.sample = s->sample,
-                                            .points.at = (const uint8_t *)s->positions};
+                                            .points = (const uint8_t *)s->positions};
     struct umbw_buffer message = {0};
     if (umbd_call_ok(call, umbw_encode_sample_reply(&reply, &message, umbd_call_error(call)))) {
         umbd_call_reply(call, &message); /* charged since the request */

@@ -347,11 +347,6 @@ void umbd_web_body_more(struct umbd_call *call)
     }
 }
 
-void umbd_web_body_tick(struct umbd_call *call)
-{
-    umbd_web_body_more(call);
-}
-
 void umbd_web_body_close(struct umbd_call *call)
 {
     struct body *body = call->state;

@@ -53,7 +53,7 @@ ECHO(describe_request, struct umbw_describe_request, NULL)
 ECHO(list_reply, struct umbw_list_reply, value.assets)
 ECHO(limits_reply, struct umbw_limits, NULL)
 ECHO(health_reply, int, NULL)
-ECHO(submit_request, struct umbw_submit_request, value.manifest.owned)
+ECHO(submit_request, struct umbw_submit_request, value.manifest.scene)
 ECHO(submit_reply, struct umb_job_submitted, NULL)
 ECHO(job_status, struct umb_job_status, value.plan)
 ECHO(list_jobs_request, uint32_t, NULL)
@@ -113,8 +113,9 @@ static enum answer echo_query_reply(const uint8_t *message, size_t size, struct 
     if (value.asset_id_count > 0) {
         return NOT_ENCODED;
     }
-    (void)must(umbw_encode_query_reply_head(&value, out, NULL));
-    (void)must(umbw_buffer_reserve(out, value.visibility_bytes, NULL));
+    const size_t room = umbw_query_reply_room(&value);
+    (void)must(umbw_buffer_reserve(out, room + value.visibility_bytes, NULL));
+    out->size += umbw_write_query_reply_head(&value, out->bytes);
     if (value.visibility_bytes > 0) {
         memcpy(out->bytes + out->size, value.visibility, value.visibility_bytes);
     }

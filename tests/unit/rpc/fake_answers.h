@@ -14,7 +14,7 @@
 
 #include "fake_reply.h"
 #include "wire/bakes.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 #include "wire/volume_queries.h"
 
@@ -33,9 +33,10 @@ static void fake_answer(struct fake_stream *stream, const struct umbw_query_requ
     reply.visibility_bytes = count * sizeof *values;
     reply.stats.points = count;
     memset(reply.asset_id, 0xab, sizeof reply.asset_id);
-    if (umbw_encode_query_reply_head(&reply, &buffer, NULL) != UMB_OK) {
+    if (umbw_buffer_reserve(&buffer, umbw_query_reply_room(&reply), NULL) != UMB_OK) {
         abort();
     }
+    buffer.size = umbw_write_query_reply_head(&reply, buffer.bytes);
     fake_append_buffer(stream, &buffer);
     fake_append(stream, values, reply.visibility_bytes);
     free(values);
@@ -255,7 +256,7 @@ static bool fake_sample(struct fake_stream *stream)
     }
     struct umbw_sample_reply reply = {
         .sample = {.count = request.settings.count, .origin = {1, 2, 3}, .asset_id = {0xab}},
-        .points.at = (const uint8_t *)positions};
+        .points = (const uint8_t *)positions};
     for (size_t i = 0; i < sizeof positions / sizeof *positions; i++) {
         positions[i] = (double)(i + request.settings.seed);
     }

@@ -89,14 +89,14 @@ static void replies_keep_their_bytes(void **state)
     reply.lines = 2.5;
     reply.expected_ns = 40;
     reply.packing = UMBW_PACKING_CHANGES;
-    expect("reply all", umbw_encode_query_reply_head(&reply, &b, NULL), &b);
+    expect("reply all", encode_head(&reply, &b), &b);
     reply.asset_ids = ids;
     reply.asset_id_count = 2;
-    expect("reply targets", umbw_encode_query_reply_head(&reply, &b, NULL), &b);
+    expect("reply targets", encode_head(&reply, &b), &b);
     memset(&reply, 0, sizeof reply);
-    expect("reply few", umbw_encode_query_reply_head(&reply, &b, NULL), &b);
+    expect("reply few", encode_head(&reply, &b), &b);
     reply.has_stats = 1;
-    expect("reply no counts", umbw_encode_query_reply_head(&reply, &b, NULL), &b);
+    expect("reply no counts", encode_head(&reply, &b), &b);
 }
 
 static void assets_keep_their_bytes(void **state)
@@ -265,7 +265,7 @@ static void samples_keep_their_bytes(void **state)
     reply.sample.count = 1;
     reply.sample.origin[1] = -2.5;
     (void)snprintf(reply.sample.note, sizeof reply.sample.note, "1 of 2");
-    reply.points.at = (const uint8_t *)wide_points;
+    reply.points = (const uint8_t *)wide_points;
     expect("sampled", umbw_encode_sample_reply(&reply, &b, NULL), &b);
 }
 

@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 struct log {
     unsigned count;

@@ -7,7 +7,7 @@
 #include <cmocka.h>
 #include <stdio.h>
 #include <string.h>
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "base/utf8.h"
 #include "wire_samples.h"
 

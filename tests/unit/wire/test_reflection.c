@@ -9,9 +9,10 @@
 #include <stdlib.h>
 #include <zlib.h>
 #include "wire/bakes.h"
+#include "grpc/reflection/v1/reflection.pb-c.h"
 #include "umbrage/v1/shadows.pb-c.h"
 #include "wire/codec.h"
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 #include "wire/messages.h"
 #include "wire_samples.h"
 
@@ -251,6 +252,42 @@ static void limits_survive_their_codec(void **state)
     umbw_buffer_finish(&buffer);
 }
 
+/* The file of a symbol, an unknown symbol, a type, the list of services, and a request for nothing:
+ * each gets its kind of answer, as another decoder reads it. */
+static void reflection_answers_each_question(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *question;
+        size_t size;
+        int answer; /* number of the response's field */
+    } rows[] = {{"\x22\x12umbrage.v1.Shadows", 20, 4},
+                {"\x22\x01x", 3, 7},
+                {"\x32\x12umbrage.v1.Shadows", 20, 5},
+                {"\x3a\x00", 2, 6},
+                {"", 0, 7}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct umbw_buffer buffer = {0};
+        assert_int_equal(
+            umbw_reflection_answer((const uint8_t *)rows[i].question, rows[i].size, &buffer, NULL),
+            UMB_OK);
+        Grpc__Reflection__V1__ServerReflectionResponse *answer =
+            grpc__reflection__v1__server_reflection_response__unpack(
+                NULL, buffer.size - UMBW_PREFIX_BYTES, buffer.bytes + UMBW_PREFIX_BYTES);
+        assert_non_null(answer);
+        assert_int_equal(answer->message_response_case, rows[i].answer);
+        if (rows[i].answer == 4) {
+            assert_int_equal(answer->file_descriptor_response->n_file_descriptor_proto, 1);
+            assert_memory_equal(answer->file_descriptor_response->file_descriptor_proto->data + 2,
+                                "umbrage/v1/shadows.proto", 24); /* its first field */
+        } else if (rows[i].answer == 6) {
+            assert_true(answer->list_services_response->n_service >= 5);
+        }
+        grpc__reflection__v1__server_reflection_response__free_unpacked(answer, NULL);
+        umbw_buffer_finish(&buffer);
+    }
+}
+
 struct pair {
     char asset[8];
     uint32_t light;
@@ -259,10 +296,9 @@ struct pair {
 static void a_table_that_does_not_fit_its_message_fails_at_its_first_use(void **state)
 {
     (void)state;
-    static const struct umbw_row few[] = {{1, UMBW_AT(pair, asset)}};
-    static const struct umbw_row swapped[] = {{2, UMBW_AT(pair, light)}, {1, UMBW_AT(pair, asset)}};
-    UMBW_TABLE(FEW, umbrage__v1__target, few, "", sizeof(struct pair));
-    UMBW_TABLE(SWAPPED, umbrage__v1__target, swapped, "", sizeof(struct pair));
+    UMBW_TABLE(FEW, umbrage__v1__target, "", sizeof(struct pair), {1, UMBW_AT(pair, asset)});
+    UMBW_TABLE(SWAPPED, umbrage__v1__target, "", sizeof(struct pair), {2, UMBW_AT(pair, light)},
+               {1, UMBW_AT(pair, asset)});
     const struct umbw_table *tables[] = {&FEW, &SWAPPED};
     static const char *const reasons[] = {"umbrage.v1.Target: has 2 fields, its table has 1 rows",
                                           "asset: row 2 of the table stands here"};
@@ -289,6 +325,7 @@ int main(void)
         cmocka_unit_test(gunzip_refuses_every_prefix_and_trailing_bytes),
         cmocka_unit_test(gunzip_refuses_streams_that_lie_about_their_size),
         cmocka_unit_test(reflection_answers_or_refuses_every_flipped_request),
+        cmocka_unit_test(reflection_answers_each_question),
         cmocka_unit_test(targets_come_in_order_and_end),
         cmocka_unit_test(reply_head_is_exactly_as_long_as_its_room_without_stats),
         cmocka_unit_test(limits_survive_their_codec),

@@ -58,6 +58,17 @@ static inline struct umbw_query_reply sample_reply(const uint8_t *visibility, si
     return reply;
 }
 
+/* Appends the start of a reply, as servers do. */
+static inline enum umb_status encode_head(const struct umbw_query_reply *reply,
+                                          struct umbw_buffer *buffer)
+{
+    const enum umb_status status = umbw_buffer_reserve(buffer, umbw_query_reply_room(reply), NULL);
+    if (status == UMB_OK) {
+        buffer->size += umbw_write_query_reply_head(reply, buffer->bytes + buffer->size);
+    }
+    return status;
+}
+
 static inline struct umb_client_asset sample_summary(unsigned number)
 {
     struct umb_client_asset summary = {

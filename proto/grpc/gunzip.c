@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Decompression of single messages by zlib, within a limit. */
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #include <stdlib.h>
 #include <string.h>

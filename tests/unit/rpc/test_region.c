@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Threads that query a region between two updates; `make config=tsan` finds data races. */
+/* A region's sources, and threads that query a region between two updates; `make config=tsan` finds
+ * data races. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -102,9 +103,75 @@ static void threads_query_a_region_at_once(void **state)
     bytes_finish(&file);
 }
 
+/* A source that reads pieces, and how it misbehaves. */
+struct pieces {
+    struct bytes file;
+    size_t piece;  /* Length of a piece; no read goes beyond its end */
+    size_t excess; /* Bytes that a read claims in addition */
+    enum umb_status status;
+    unsigned reads;
+};
+
+static enum umb_status read_piece(void *user, uint64_t offset, void *bytes, size_t size,
+                                  size_t *got, struct umb_error *error)
+{
+    struct pieces *pieces = user;
+    const size_t at = (size_t)offset, left = pieces->file.size > at ? pieces->file.size - at : 0;
+    const size_t piece = pieces->piece - at % pieces->piece;
+    *got = size < left ? size : left;
+    *got = *got < piece ? *got : piece;
+    memcpy(bytes, pieces->file.data + (left > 0 ? at : 0), *got);
+    *got += pieces->excess;
+    pieces->reads++;
+    return pieces->status == UMB_OK ? UMB_OK : umb_fail(error, pieces->status, "no such piece");
+}
+
+static void a_source_of_pieces_completes_an_asset(void **state)
+{
+    struct pieces pieces = {packed_noise(), .piece = 1000};
+    const struct umb_region_source source = {.read_at = read_piece, .user = &pieces};
+    const struct umb_region_options options = {.first_bytes = 4096};
+    struct umb_region *region;
+    struct umb_region_stats stats;
+    (void)state;
+    assert_int_equal(umb_region_open(&source, &options, &region, NULL), UMB_OK);
+    umb_region_get_stats(region, &stats);
+    assert_true(stats.partial.pages_held < stats.partial.page_count);
+    assert_int_equal(umb_region_update(region, NULL, NULL), UMB_OK);
+    umb_region_get_stats(region, &stats);
+    assert_int_equal(stats.partial.pages_held, stats.partial.page_count);
+    assert_true(pieces.reads >= pieces.file.size / 1000);
+    umb_region_close(region);
+    bytes_finish(&pieces.file);
+}
+
+static void bad_sources_are_refused(void **state)
+{
+    struct pieces pieces = {packed_noise(), .piece = 1000};
+    struct umb_region_source source = {.user = &pieces};
+    struct umb_region *region;
+    struct umb_error error;
+    (void)state;
+    assert_int_equal(umb_region_open(&source, NULL, &region, &error), UMB_E_ARGUMENT);
+    assert_string_equal(error.message, "source: give read or read_at");
+    source.read_at = read_piece;
+    pieces.status = UMB_E_IO;
+    assert_int_equal(umb_region_open(&source, NULL, &region, &error), UMB_E_IO);
+    assert_string_equal(error.message, "no such piece");
+    pieces.status = UMB_OK;
+    pieces.piece = pieces.file.size;
+    pieces.excess = 40000; /* more than the first read asks for */
+    assert_int_equal(umb_region_open(&source, NULL, &region, &error), UMB_E_PROTOCOL);
+    assert_non_null(strstr(error.message, "the source read"));
+    assert_null(region);
+    bytes_finish(&pieces.file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_source_of_pieces_completes_an_asset),
+        cmocka_unit_test(bad_sources_are_refused),
         cmocka_unit_test(threads_query_a_region_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

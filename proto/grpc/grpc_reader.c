@@ -9,7 +9,7 @@
  * never follows the declared length alone, so a false length gains a peer nothing. A message that
  * is complete in one piece of input is passed on without a copy.
  */
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef UMBRAGE_WIRE_GRPC_H
-#define UMBRAGE_WIRE_GRPC_H
+#ifndef UMBRAGE_GRPC_GRPC_H
+#define UMBRAGE_GRPC_GRPC_H
 /*
  * gRPC framing without I/O: message prefixes, timeouts, status messages. This part has pure
  * functions and one small state machine. HTTP/2 is in the folders rpc and daemon, which use

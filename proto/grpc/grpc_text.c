@@ -5,7 +5,7 @@
  * Source: "gRPC over HTTP2" (PROTOCOL-HTTP2.md): timeouts are 1 to 8 digits and a unit; a status
  * message is UTF-8 with every byte outside 0x20..0x7e and '%' percent-encoded.
  */
-#include "wire/grpc.h"
+#include "grpc/grpc.h"
 
 #include <stdio.h>
 #include <string.h>
