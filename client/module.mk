@@ -112,6 +112,7 @@ libraries: $(CORE_LIB) $(MAPS_LIB) $(RPC_LIB) $(SHARED_LIBS) ## libumbrage-core,
 client: $(BUILD)/umbrage libraries ## the libraries and the umbrage command
 
 include client/python/module.mk
+include client/gpu/module.mk
 include client/web/module.mk
 
 abi: libraries ## compare the libraries with those of the last tag (abidiff, where it is)

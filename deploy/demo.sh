@@ -108,4 +108,5 @@ cat <<EOF
 of_SM16: of a 16-bit shadow map of the same size. Points: 9x9 PCF on one thread from the file, over gRPC from
 another process. in_band: points near shadow boundaries that differ from rays within one voxel; outside: beyond it.
 Pictures and assets are in $OUT. $(($(date +%s) - begin)) seconds.
+In the browser: make view
 EOF

@@ -3,6 +3,7 @@
 # Installs the Debian 12 packages that umbrage needs and that are missing; touches nothing else.
 #
 #   deploy/deps.sh            what building and testing need
+#   deploy/deps.sh --view     also what `umbrage view` needs
 #   deploy/deps.sh --full     also what only some tests, benchmarks and checks use
 #   deploy/deps.sh --check    install nothing; exit 1 and name what is missing
 #
@@ -22,15 +23,16 @@ needed="
 if [ "$(dpkg --print-architecture 2>/dev/null)" = amd64 ]; then
     needed="$needed libipsec-mb-dev"
 fi
+viewer="clang lld wasi-libc libclang-rt-dev-wasm32 libjs-three"
 optional="
-    clang clang-tidy clang-format valgrind abigail-tools
-    lld wasi-libc libclang-rt-dev-wasm32 nodejs node-typescript
-    chromium haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
+    $viewer clang-tidy clang-format valgrind abigail-tools
+    nodejs node-typescript
+    chromium glslang-tools libvulkan-dev mesa-vulkan-drivers haproxy nginx libgrpc++-dev libprotobuf-dev protobuf-compiler-grpc libnanovdb-dev slurm-wlm prometheus
     debhelper dh-python debootstrap faketime locales reuse lintian python3-yaml python3-matplotlib python3-pip mypy
 "
 
 usage() {
-    echo "usage: deploy/deps.sh [--full] [--check]"
+    echo "usage: deploy/deps.sh [--full] [--view] [--check]"
 }
 
 say() {
@@ -63,6 +65,7 @@ check=0
 for argument in "$@"; do
     case $argument in
     --full) full=1 ;;
+    --view) needed="$needed $viewer" ;;
     --check) check=1 ;;
     --help)
         usage

@@ -12,6 +12,11 @@ demo: deps ## build, bake a city, serve it, query it, draw it: two minutes
 	@$(MAKE) --no-print-directory -j$(CORES) all $(BUILD)/scenegen
 	@BUILD=$(BUILD) sh deploy/demo.sh
 
+view: ## open the city of `make demo` in the browser, or VIEW="ASSET --scene SCENE"
+	@sh deploy/deps.sh --view
+	@$(MAKE) --no-print-directory -j$(CORES) $(BUILD)/umbrage web
+	@$(BUILD)/umbrage view $(or $(VIEW),demo-out/city.umb --scene demo-out/city.glb)
+
 container: ## the container image (BASE_DIGEST=sha256:..., IMAGE=umbrage; podman, or BUILDER=docker)
 	@sh deploy/container.sh "$(BASE_DIGEST)" "$(or $(IMAGE),umbrage)"
 
@@ -81,7 +86,7 @@ install-python: python ## install the Python module under DESTDIR and pythondir
 	install -d $(DESTDIR)$(pythondir)/umbrage
 	install -m 0644 $(PYTHON_OUT) $(PYTHON_DIR)/_declarations.py $(DESTDIR)$(pythondir)/umbrage
 
-install: all man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
+install: all gpu web-if-here man completions $(UNIT) install-docs install-libraries ## install everything under DESTDIR and PREFIX
 	install -d $(DESTDIR)$(bindir)
 	install -m 0755 $(BUILD)/umbrage $(BUILD)/umbraged $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(DESTDIR)$(bindir)
 	for page in $(MAN_PAGES); do install -D -m 0644 $$page $(DESTDIR)$(mandir)/man$${page##*.}/$${page##*/} || exit 1; done
@@ -97,7 +102,10 @@ install: all man completions $(UNIT) install-docs install-libraries ## install e
 	install -d $(DESTDIR)$(datadir)
 	install -m 0644 deploy/haproxy/haproxy.cfg deploy/nginx/umbrage-assets.conf deploy/caddy/Caddyfile deploy/prometheus/umbrage.yml deploy/prometheus/umbrage-alerts.yml deploy/grafana/umbrage.json deploy/systemd/umbraged-jobs.conf $(DESTDIR)$(datadir)
 	for file in $(wildcard proto/umbrage/v1/*.proto); do install -D -m 0644 $$file $(DESTDIR)$(datadir)/$$file || exit 1; done
-	install -d $(DESTDIR)$(datadir)/slurm
+	install -d $(DESTDIR)$(datadir)/slurm $(DESTDIR)$(datadir)/gpu
+	install -m 0644 $(GPU_FILES) $(DESTDIR)$(datadir)/gpu
+	if test -e $(WEB_PACKAGE)/umbrage.wasm; then install -d $(DESTDIR)$(datadir)/web/umbrage $(DESTDIR)$(datadir)/web/viewer && \
+		install -m 0644 $(WEB_PACKAGE)/* $(DESTDIR)$(datadir)/web/umbrage && install -m 0644 $(VIEWER_FILES) $(DESTDIR)$(datadir)/web/viewer; fi
 	install -m 0755 deploy/slurm/two-nodes.sh $(DESTDIR)$(datadir)/slurm
 	install -d $(DESTDIR)$(sysconfdir)/umbraged
 	test -e $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf || install -m 0644 deploy/umbraged.conf $(DESTDIR)$(sysconfdir)/umbraged/umbraged.conf
@@ -130,4 +138,4 @@ release: ## everything of a release in BUILD/dist: source archive, packages, whe
 
 FORCE:
 
-.PHONY: sbom release dist deb install-python completions container deps deps-full demo man install install-docs install-libraries FORCE
+.PHONY: sbom release dist deb install-python completions container deps deps-full demo view man install install-docs install-libraries FORCE

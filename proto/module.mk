@@ -39,9 +39,11 @@ $(BUILD)/gen/%.pb-c.o: $(BUILD)/gen/%.pb-c.c
 
 $(WIRE_C_OBJ): | $(PROTO_GEN_C)
 $(WIRE_LIB): $(WIRE_OBJ)
-# Addresses and TLS: part of the client library and of the daemon.
+# Addresses and TLS: part of the client library and of the daemon. Requests of HTTP: of the daemon and of `umbrage view`.
 NET_OBJ := $(patsubst %.c,$(BUILD)/%.o,$(sort $(wildcard proto/net/*.c)))
-$(RPC_LIB) $(call both,libumbrage): $(NET_OBJ)
+HTTP1_OBJ := $(filter %/http1_request.o %/http1_fields.o,$(NET_OBJ))
+$(RPC_LIB) $(call both,libumbrage): $(filter-out $(HTTP1_OBJ),$(NET_OBJ))
+$(CLI_LIB): $(HTTP1_OBJ)
 # Installed libraries contain the wire library's objects, so it is not installed itself. Only
 # servers decompress requests (gunzip).
 $(RPC_LIB): $(filter-out %/gunzip.o,$(WIRE_OBJ))

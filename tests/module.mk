@@ -2,6 +2,10 @@
 # Every tests/unit/PART/test_*.c is a cmocka program of its own, linked with PART's libraries only.
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
+# The shaders' walk as C.
+$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: $(GPU_DIR)/umbrage.cuh
+$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: INC_tests += -I$(GPU_DIR)
+
 # Tests are compiled more often than they run.
 ifeq ($(config),release)
 $(BUILD)/tests/unit/%.o: CFLAGS_ALL += -O1 -g1
@@ -77,12 +81,12 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
-system: python web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
+SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check gpu_voxels interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
+system: python gpu web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
 # Unit, system and short fault tests in one run, so that what waits runs beside what computes.
-release-needs: all python web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
+release-needs: all python gpu web-if-here $(UNIT_TESTS) $(BENCH_PROGRAMS) $(SYSTEM_NEEDS) $(FAULT_NEEDS)
 release-tests: release-needs layers
 	@BUILD=$(BUILD) FAULT=short TEST_ATTEMPTS=2 $(RUN) $(UNIT_TESTS) $(SYSTEM_TESTS) $(FAULT_TESTS)
 
@@ -151,6 +155,9 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 
 # Compares random lamps on, above, below and inside surfaces with brute force in long double.
 $(BUILD)/lamp_check: $(BUILD)/tests/agreement/lamp_check.o $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+$(BUILD)/gpu_voxels: $(BUILD)/tests/agreement/gpu_voxels.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 LAMPS ?= 2000

@@ -13,11 +13,10 @@
 
 #define PATH_SIZE 4096
 
-/* Finds the folder of the running program, without the last slash. Returns false if it fails. */
-static bool own_folder(char folder[PATH_SIZE])
+bool umbc_own_folder(char *folder, size_t size)
 {
-    ssize_t length = readlink("/proc/self/exe", folder, PATH_SIZE - 1);
-    if (length <= 0 || length >= PATH_SIZE - 1) {
+    ssize_t length = readlink("/proc/self/exe", folder, size - 1);
+    if (length <= 0 || (size_t)length >= size - 1) {
         return false;
     }
     folder[length] = '\0';
@@ -52,7 +51,7 @@ int umbc_start_program(const char *command, const char *program, const char *wor
 {
     char folder[PATH_SIZE];
     char path[PATH_SIZE + 64];
-    if (!own_folder(folder)) {
+    if (!umbc_own_folder(folder, sizeof folder)) {
         return umbc_complain_as(UMB_E_INTERNAL, "%s: cannot find the folder of this program",
                                 command);
     }

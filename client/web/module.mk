@@ -49,17 +49,29 @@ $(WEB_PACKAGE)/LICENSE: LICENSE
 	@mkdir -p $(@D)
 	$(Q)cp $< $@
 
+# The page of `umbrage view`. three.js comes from Debian's package when the page is served or exported.
+VIEWER_FILES := $(patsubst client/web/viewer/%,$(WEB_DIR)/viewer/%,$(wildcard client/web/viewer/*))
+$(VIEWER_FILES): $(WEB_DIR)/viewer/%: client/web/viewer/%
+	@mkdir -p $(@D)
+	$(Q)cp $< $@
+
 # The same decoder and hash for this machine: tests compare them with the libraries.
 WEB_LIB := $(BUILD)/libumbrage-web.a
 $(WEB_LIB): $(patsubst %,$(BUILD)/client/web/module/%.o,web_sha256 zstd_frame zstd_fse zstd_literals)
 
-web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE ## the npm package `umbrage`, in BUILD/web (clang, lld, wasi-libc)
+$(WEB_PACKAGE)/shaders.js: $(GPU_DIR)/shaders.js
+	@mkdir -p $(@D)
+	$(Q)cp $< $@
+
+web: $(WEB_PACKAGE)/umbrage.wasm $(WEB_FILES) $(WEB_PACKAGE)/shaders.js $(WEB_PACKAGE)/package.json $(WEB_PACKAGE)/LICENSE $(VIEWER_FILES) ## the npm package `umbrage` and the page of `umbrage view`, in BUILD/web (clang, lld, wasi-libc)
 
 # The package where its tools are; tests skip it by its name elsewhere.
 web-if-here:
 	@if why=$$(sh client/web/tools.sh "$(WEB_CC)"); then $(MAKE) --no-print-directory web; else echo "skipped web: $$why"; fi
-test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen ## the package in node and in headless Chromium, where they are installed
-	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py
+test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/gpu_voxels ## the package in node and in headless Chromium, where they are installed
+	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py \
+		tests/system/test_view.py tests/system/test_view_browser.py && \
+	BUILD=$(BUILD) UMBRAGE_PIXELS=921600 $(RUN) tests/system/test_gpu_browser.py
 .PHONY: web web-if-here test-web
 
 # Speed of the package against the native kernels without AVX.

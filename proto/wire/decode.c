@@ -615,14 +615,6 @@ static enum umb_status decode_struct(struct decoder *decoder, const struct umbw_
     return UMB_OK;
 }
 
-/* The bytes of a whole message. */
-static inline struct span whole(const uint8_t *message, size_t size)
-{
-    static const uint8_t nothing;
-    const uint8_t *start = size > 0 ? message : &nothing;
-    return (struct span){.start = start, .at = start, .end = start + size};
-}
-
 /* Decodes a message. In: out: the struct; NULL: it is at the start of the block. Out: block: the
  * caller frees it, on failure too. */
 static enum umb_status decode(const struct umbw_table *table, const uint8_t *message, size_t size,

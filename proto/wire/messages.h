@@ -96,7 +96,7 @@ struct umbw_query_request {
     /* The points as the message stores them; the codec converts between these fields and
      * `points`. */
     struct umbw_records f32, f64, depth;
-    struct umbw_records normals, footprints; /* of one byte each */
+    struct umbw_records normals, footprints; /* One byte each */
     size_t eye_count;                        /* Numbers of settings.eye: 3 or 0 */
 };
 

@@ -470,7 +470,6 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
-    umb__octree_finish(&run->octree);
     run->report.seconds_write = umbu_clock_s() - start;
     return status;
 }
@@ -498,7 +497,7 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
         .max_memory_bytes = run->check_max_bytes,
         .proofs = run->proofs.frusta != NULL ? &run->proofs : NULL,
     };
-    const enum umb_status status = umbb_publish_check(&run->publish, &check, error);
+    const enum umb_status status = umbb_publish_check(&run->publish, &run->octree, &check, error);
     free(corners);
     run->report.seconds_verify = umbu_clock_s() - start;
     return status;

@@ -14,6 +14,7 @@
 #include "daemon/transport/loop.h"
 #include "daemon/work/pool.h"
 #include "jobs/service.h"
+#include "net/http1_fields.h"
 
 #define REQUEST_BYTES 4096
 #define CLIENTS_MAX   32
@@ -142,7 +143,7 @@ static int is_meant_for_us(const char *request)
     }
     host += strlen("\r\nhost:");
     host += strspn(host, " \t");
-    return umbd_host_is_local(host, strcspn(host, " \t\r"));
+    return umbn_host_is_local((struct umbn_http1_text){host, strcspn(host, " \t\r")});
 }
 
 static void route(struct admin_client *client)

@@ -47,4 +47,22 @@ umbr_verify_squares(const struct umb_asset *asset, uint32_t light, const struct 
                     const struct umbr_verify_options *options, const struct umbr_square *squares,
                     size_t count, struct umbr_squares_result *result, struct umb_error *error);
 
+/*
+ * Verifies all squares of one light, row by row of squares.
+ *
+ * In:    options: as for umbr_verify_squares; progress gets columns.
+ * Out:   result: records: columns; points: voxels that were judged one by one. After the first row
+ *        with a disagreement outside the band the rest of its face is left out.
+ * Fails: as umbr_verify_squares; E_UNSUPPORTED also for an asset under the static rule; E_LIMIT
+ *        (too many voxels of a row must be judged one by one).
+ */
+UMB_CHECKED enum umb_status umbr_verify_voxels(const struct umb_asset *asset, uint32_t light,
+                                               const struct umbr_rays *rays,
+                                               const struct umbr_verify_options *options,
+                                               struct umbr_verify_result *result,
+                                               struct umb_error *error);
+
+/* Number of columns of all faces of a light. */
+uint64_t umbr_columns_of(const struct umb_asset *asset, uint32_t light);
+
 #endif

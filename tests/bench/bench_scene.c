@@ -87,7 +87,7 @@ void bench_scene_make(struct bench_scene *scene, const char *name, uint32_t log2
     scene->light = (struct umb_light_info){.kind = UMB_LIGHT_DIRECTIONAL, .frustum_count = 1};
     umbb_sun_direction(SUN_AZIMUTH, SUN_ELEVATION, 1, scene->light.direction);
     const struct umbb_fit fit = {(const double(*)[3][3])scene->study.corners, scene->study.count,
-                                 scene->origin, log2_size};
+                                 scene->origin, log2_size, 1};
     bench_must(umbb_light_frame_fit(&fit, scene->light.direction, &scene->frustum, &error), &error,
                "light frame");
     memcpy(scene->voxels, scene->study.corners, scene->study.count * sizeof *scene->voxels);

@@ -29,7 +29,7 @@ class RangeServer:
             disable_nagle_algorithm = True
 
             def do_GET(self):
-                path = os.path.join(folder, os.path.basename(self.path))
+                path = os.path.join(folder, os.path.basename(self.path.partition("?")[0]))
                 if not os.path.isfile(path):
                     self.send_error(404)
                     return

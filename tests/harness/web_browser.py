@@ -69,11 +69,11 @@ class Browser:
         os.makedirs(self.profile)
         return self
 
-    def look(self, path):
+    def look(self, path, *flags):
         with open(os.path.join(self.profile, "log"), "wb") as log:
             self.process = subprocess.Popen(
-                [installed(), "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run",
-                 "--disable-dev-shm-usage", f"--user-data-dir={self.profile}",
+                [installed(), "--headless=new", "--no-sandbox", "--no-first-run", "--disable-dev-shm-usage",
+                 *(flags or ["--disable-gpu"]), f"--user-data-dir={self.profile}",
                  f"http://127.0.0.1:{self.server.server_address[1]}{path}"], stdout=log, stderr=log)
 
     def result(self, name, timeout):

@@ -278,7 +278,7 @@ with test.check("a submission whose job exists pays for the call alone"):
     assert not first.existing
     time.sleep(2.5)
     for _ in range(20):  # with its files each would take two seconds
-        again = iter([B.SubmitRequest(manifest=client.manifest(large, "box.ply", resolution=64))])
+        again = iter([B.SubmitRequest(manifest=client.manifest(large, "box.ply", resolution=64, verify=1000))])
         reply = client.raw_submit(again, timeout=30, metadata=bearer(GOOD))
         assert reply.existing and reply.job == first.job, reply
     reload(f"studio query,submit {GOOD}\nrobot submit {OTHER}\n")

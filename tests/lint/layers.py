@@ -31,7 +31,7 @@ PARTS = {
     # The toolbox of all programs.
     "client/tool": ["client/include", "client/core/base"],
     # The command is the first customer of the public headers; the load test is one of its commands.
-    "client/cli": ["client/include", "client/tool"],
+    "client/cli": ["client/include", "client/tool", "proto/net/http1_request.h", "proto/net/http1_fields.h"],
     "client/load": ["client/include", "client/tool", "client/cli/shared"],
     "server/common": [*TOOL, "proto/net/openssl_sha256.h"],
     "server/scene": [*TOOL, "server/common"],

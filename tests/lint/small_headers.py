@@ -15,6 +15,7 @@ KEPT = {
     "client/cli/cli_bundle.h": "finds the files that a scene names",
     "client/cli/cli_http.h": "ranges of a file from a web server; the only user of curl",
     "client/core/format/page_compress.h": "compression, which a build for the web leaves out",
+    "client/cli/cli_view_server.h": "a web server for one user; sockets and threads",
     "client/load/load_histogram.h": "latencies in buckets; tested alone",
     "client/load/load_metrics.h": "reads the daemon's metrics during a load test",
     "client/web/module/web_sha256.h": "SHA-256; tested alone",

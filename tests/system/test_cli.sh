@@ -22,7 +22,7 @@ for program in umbrage umbraged umbrage-bake umbrage-study; do
     check "  a usage error is on stderr" test -s err
     check "  and nothing on stdout" test ! -s out
 done
-for command in info query sample list load submit watch jobs cancel fetch rm verify stream derive frames \
+for command in info query sample list load submit watch jobs cancel fetch rm verify stream derive frames view \
     pack unpack; do
     try 0 umbrage $command --help
     check "  with a usage line" grep -q "umbrage $command" out
@@ -221,6 +221,9 @@ same "verify --json" True "$(json out "['good']")"
 try 0 umbrage verify city.umb --scene city.glb --points 20000 --json
 same "verify --scene --json" True "$(json out "['agrees']")"
 same "  it names the asset" "$("$BUILD/umbrage" info city.umb --quiet)" "$(json out "['asset']")"
+try 0 umbrage verify city.umb --scene city.glb --every-voxel --json
+try 1 umbrage verify city.umb --scene arch.glb --every-voxel --force
+try 2 umbrage verify city.umb --scene city.glb --every-voxel --points 5
 try 65 umbrage verify city.umb --scene arch.glb --points 2000
 try 1 umbrage verify city.umb --scene arch.glb --points 20000 --force
 try 66 umbrage verify missing.umb

@@ -35,7 +35,7 @@ installed=$folder/root/usr
 for file in bin/umbraged bin/umbrage bin/umbrage-bake bin/umbrage-study lib/libumbrage-core.a \
     include/umbrage/query.h share/man/man8/umbraged.8 share/man/man1/umbrage.1 share/man/man1/umbrage-bake.1 \
     share/man/man5/umbraged.conf.5 lib/systemd/system/umbraged.service lib/systemd/system/umbraged.socket lib/sysusers.d/umbrage.conf \
-    lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/umbrage-assets.conf share/umbrage/Caddyfile share/umbrage/proto/umbrage/v1/shadows.proto share/umbrage/umbrage-alerts.yml \
+    lib/tmpfiles.d/umbrage.conf share/umbrage/haproxy.cfg share/umbrage/umbrage-assets.conf share/umbrage/Caddyfile share/umbrage/proto/umbrage/v1/shadows.proto share/umbrage/gpu/umbrage.wgsl share/umbrage/umbrage-alerts.yml \
     share/bash-completion/completions/umbraged share/zsh/site-functions/_umbrage share/fish/vendor_completions.d/umbrage-bake.fish ../etc/umbraged/umbraged.conf; do
     [ -s "$installed/$file" ] || bad "$file is installed" ""
 done

@@ -106,13 +106,14 @@ scenegen() { make "$BUILD/scenegen" "$@"; }
 scenes() { make "$ROOT/tests/harness/translucent_scenes.py" "$@"; }
 picture_sheet() { [ $# -gt 2 ]; }
 failure_pictures() { [ $# -eq 1 ]; }
+view_pictures() { [ $# -eq 5 ]; }
 paging() { "$ROOT/tests/bench/paging_figures.py" --help >run.out 2>&1 || { echo "exit code $?"; cat run.out; }; }
 """
 for heading, block in blocks:
     place = folder / "pictures.run" / heading.split(",")[0]
     place.mkdir(parents=True)
     for name, wrapped in (("umbrage-study", "study"), ("translucent_scenes.py", "scenes"),
-                          ("tests/bench/paging_figures.py", "paging")):
+                          ("tests/bench/paging_figures.py", "paging"), ("view_pictures.py", "view_pictures")):
         block = re.sub(rf"^{re.escape(name)} ", wrapped + " ", block, flags=re.M)
     done = subprocess.run(["sh", "-c", WRAP + block], cwd=place, text=True, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, check=False,

@@ -87,6 +87,7 @@ void umbc_json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_
     row("verify", umbc_verify,                                                                     \
         "prove a file's integrity and identity, or check it against its scene")                    \
     row("stream", umbc_paging, "fetch the needed part of an asset, coarse first")                  \
+    row("view", umbc_view, "show an asset and its scene in the browser")                           \
     row("derive", umbc_derive, "make shadow maps for a GPU from an asset alone")                   \
     row("frames", umbc_frames, "ask a daemon for the shadows of one frame after the other")        \
     row("pack", umbc_pack, "convert a file to the packed form (.umb)")                             \
@@ -95,6 +96,10 @@ void umbc_json_id(struct umbu_json *json, const char *key, const uint8_t id[UMB_
 
 #define UMBC_DECLARE(word, run, summary) int run(int argc, char **argv);
 UMBC_COMMANDS(UMBC_DECLARE)
+
+/* Finds the folder of the running program, without the last slash. Returns false if it fails.
+ * Out: folder: char[size]. */
+bool umbc_own_folder(char *folder, size_t size);
 
 /*
  * Replaces this process by a program that lies beside it.

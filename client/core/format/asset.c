@@ -42,22 +42,38 @@ static enum umb_status keep_head(struct umb_asset *asset, struct umb__head *head
     return UMB_OK;
 }
 
-static enum umb_status open_packed(struct umb_asset *asset, const uint8_t *bytes,
-                                   const struct umb__head *head, int full, uint64_t max_memory,
-                                   struct umb_error *error)
+/* What is opened. */
+struct source {
+    const char *path; /* File; NULL: `bytes` */
+    const void *bytes;
+    size_t size;
+    const struct umb_open_options *options;
+    const struct umb__page_reader *reader; /* Reader of packed pages; NULL: umb__pack_read */
+};
+
+static enum umb_status open_packed(struct umb_asset *asset, const struct source *source,
+                                   const uint8_t *bytes, const struct umb__head *head, int full,
+                                   uint64_t max_memory, struct umb_error *error)
 {
+    const struct umb__page_reader *reader = source->reader;
     struct umb__octree octree;
-    UMB__TRY(umb__pack_read(bytes, head, &asset->canonical, full, max_memory, asset->alloc, &octree,
-                            error));
+    UMB__TRY(reader ? reader->read(reader->user, bytes, head, &asset->canonical, max_memory,
+                                   &octree, error)
+                    : umb__pack_read(bytes, head, &asset->canonical, full, max_memory, asset->alloc,
+                                     &octree, error));
     const enum umb_status status =
         umb__mapped_build(&octree, &asset->canonical.content, max_memory, &asset->mapped, error);
     umb__octree_finish(&octree);
     return status;
 }
 
-static enum umb_status open_mapped(struct umb_asset *asset, const uint8_t *bytes,
-                                   const struct umb__head *head, int full, struct umb_error *error)
+static enum umb_status open_mapped(struct umb_asset *asset, const struct source *source,
+                                   const uint8_t *bytes, const struct umb__head *head, int full,
+                                   struct umb_error *error)
 {
+    if (source->reader) {
+        return umb_fail(error, UMB_E_UNSUPPORTED, "encoding: a mapped file has no pages");
+    }
     if ((uintptr_t)bytes % 64 != 0) {
         return umb_fail(error, UMB_E_ARGUMENT,
                         "bytes: at an address %u bytes beyond a multiple of 64, a mapped asset "
@@ -68,9 +84,10 @@ static enum umb_status open_mapped(struct umb_asset *asset, const uint8_t *bytes
     return umb__mapped_view(bytes, head, &asset->canonical.content, full, &asset->mapped, error);
 }
 
-static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes, size_t size,
-                                  const struct umb_open_options *options, struct umb_error *error)
+static enum umb_status open_bytes(struct umb_asset *asset, const struct source *source,
+                                  const uint8_t *bytes, size_t size, struct umb_error *error)
 {
+    const struct umb_open_options *options = source->options;
     const int full = !(options && options->trust == UMB_TRUST_VALIDATED);
     uint64_t max_memory =
         options && options->max_memory_bytes ? options->max_memory_bytes : DEFAULT_MAX_MEMORY;
@@ -81,28 +98,27 @@ static enum umb_status open_bytes(struct umb_asset *asset, const uint8_t *bytes,
     UMB__TRY(umb__canonical_decode(head.canonical, head.canonical_length, asset->alloc,
                                    &asset->canonical, error));
     UMB__TRY(head.encoding == UMB_ENCODING_PACKED
-                 ? open_packed(asset, bytes, &head, full, max_memory, error)
-                 : open_mapped(asset, bytes, &head, full, error));
+                 ? open_packed(asset, source, bytes, &head, full, max_memory, error)
+                 : open_mapped(asset, source, bytes, &head, full, error));
     asset->view = asset->mapped.view;
     return UMB_OK;
 }
 
-static enum umb_status open_file(struct umb_asset *asset, const char *path,
-                                 const struct umb_open_options *options, struct umb_error *error)
+static enum umb_status open_file(struct umb_asset *asset, const struct source *source,
+                                 struct umb_error *error)
 {
-    UMB__TRY(umb_file_open(path, &asset->file, error));
-    UMB__TRY(open_bytes(asset, asset->file.bytes, asset->file.size, options, error));
+    UMB__TRY(umb_file_open(source->path, &asset->file, error));
+    UMB__TRY(open_bytes(asset, source, asset->file.bytes, asset->file.size, error));
     if (asset->encoding == UMB_ENCODING_PACKED) {
         umb_file_close(&asset->file); /* The asset is expanded: the file is no longer needed */
     }
     return UMB_OK;
 }
 
-/* Opens a file, or bytes if path is NULL. */
-static enum umb_status open_any(const char *path, const void *bytes, size_t size,
-                                const struct umb_open_options *options, struct umb_asset **out,
-                                struct umb_error *error)
+static enum umb_status open_source(const struct source *source, struct umb_asset **out,
+                                   struct umb_error *error)
 {
+    const struct umb_open_options *options = source->options;
     const struct umb_alloc *alloc = options ? options->alloc : NULL;
     *out = NULL;
     if (options && UMB__UNKNOWN(options, "options", error)) {
@@ -113,8 +129,9 @@ static enum umb_status open_any(const char *path, const void *bytes, size_t size
         return no_memory(error);
     }
     asset->alloc = alloc;
-    const enum umb_status status = path ? open_file(asset, path, options, error)
-                                        : open_bytes(asset, bytes, size, options, error);
+    const enum umb_status status =
+        source->path ? open_file(asset, source, error)
+                     : open_bytes(asset, source, source->bytes, source->size, error);
     if (status != UMB_OK) {
         umb_asset_close(asset);
         return status;
@@ -127,13 +144,23 @@ enum umb_status umb_asset_open_bytes(const void *bytes, size_t size,
                                      const struct umb_open_options *options, struct umb_asset **out,
                                      struct umb_error *error)
 {
-    return open_any(NULL, bytes, size, options, out, error);
+    const struct source source = {.bytes = bytes, .size = size, .options = options};
+    return open_source(&source, out, error);
 }
 
 enum umb_status umb_asset_open_file(const char *path, const struct umb_open_options *options,
                                     struct umb_asset **out, struct umb_error *error)
 {
-    return open_any(path, NULL, 0, options, out, error);
+    const struct source source = {.path = path, .options = options};
+    return open_source(&source, out, error);
+}
+
+enum umb_status umb__asset_open_by(const struct umb__page_reader *reader, const char *path,
+                                   const struct umb_open_options *options, struct umb_asset **out,
+                                   struct umb_error *error)
+{
+    const struct source source = {.path = path, .options = options, .reader = reader};
+    return open_source(&source, out, error);
 }
 
 void umb_asset_close(struct umb_asset *asset)

@@ -33,4 +33,21 @@ UMB_CHECKED enum umb_status umb__pack_read(const uint8_t *file, const struct umb
                                            uint64_t max_memory_bytes, const struct umb_alloc *alloc,
                                            struct umb__octree *octree, struct umb_error *error);
 
+/* A reader of the pages of packed files, other than umb__pack_read. */
+struct umb__page_reader {
+    /* Makes the octree of the file's pages, with the allocator of the asset. Fails as
+     * umb__pack_read. */
+    enum umb_status (*read)(void *user, const uint8_t *file, const struct umb__head *head,
+                            const struct umb__canonical *canonical, uint64_t max_memory_bytes,
+                            struct umb__octree *octree, struct umb_error *error);
+    void *user;
+};
+
+/* Opens a packed file as umb_asset_open_file does, with another reader of its pages. Fails: also
+ * E_UNSUPPORTED (a mapped file). */
+UMB_CHECKED enum umb_status umb__asset_open_by(const struct umb__page_reader *reader,
+                                               const char *path,
+                                               const struct umb_open_options *options,
+                                               struct umb_asset **out, struct umb_error *error);
+
 #endif

@@ -171,6 +171,7 @@ static bool expand_bricks(struct umb_partial *p, const struct umb__page *page,
     }
     uint64_t(*bricks)[8] = (uint64_t(*)[8])(void *)p->bricks.base;
     umb__expand_bricks(page, leaves, bricks + laid->first_brick);
+    umb__changes_note_bricks(p, laid->first_brick, laid->nodes->brick_count);
     umb__free(&p->alloc, leaves);
     return true;
 }
@@ -298,6 +299,7 @@ void umb__partial_unbuild(struct umb_partial *p)
     p->watch_count = p->watch_capacity = p->dirty_count = p->dirty_capacity = 0;
     p->watch_spare = 0;
     umb__tops_finish(p);
+    umb__changes_note_all(p);
     p->node_count = 0;
     p->broken = false;
     p->built = false;

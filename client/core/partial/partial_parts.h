@@ -75,6 +75,20 @@ struct umb__meter {
     uint64_t used, peak, limit;
 };
 
+/* A bit for each line of an array: 1 if it changed. */
+struct umb__line_bits {
+    uint64_t *bits; /* [capacity] */
+    size_t capacity;
+};
+
+/* What builds have written since a program copied it to its GPU (gpu_changes.c). */
+struct umb__changes {
+    bool wanted; /* True: a program has asked for changes */
+    bool all;    /* True: everything may have changed */
+    bool tops;   /* True: grids have changed */
+    struct umb__line_bits nodes, bricks;
+};
+
 struct umb_partial {
     struct umb__meter meter;
     struct umb_alloc alloc; /* Allocator through the meter */
@@ -117,6 +131,7 @@ struct umb_partial {
     struct umb__column *columns; /* One list of all cells for each column of the grid */
     uint32_t *grids[2], *pieces[2]; /* Of the lower and the upper asset */
     uint64_t grid_count, column_count, piece_count;
+    struct umb__changes changes;
     uint64_t want_steps;           /* Number of cubes and nodes that the last want visited */
     struct umb_asset lower, upper; /* Assets for queries, which borrow `canonical` */
 };
@@ -165,6 +180,16 @@ bool umb__wide_write_page(struct umb_partial *p, uint32_t page);
 
 /* Writes the marked wide nodes. Returns false if out of memory. */
 bool umb__wide_write_marked(struct umb_partial *p);
+
+/* --- changes for a GPU (gpu_changes.c) -------------------------------------------------------- */
+
+/* Notes that so many words of nodes were written, at least 1. */
+void umb__changes_note_nodes(struct umb_partial *p, uint32_t word, uint64_t words);
+void umb__changes_note_bricks(struct umb_partial *p, uint32_t first, uint32_t count);
+void umb__changes_note_tops(struct umb_partial *p);
+
+/* Notes that everything may have changed. */
+void umb__changes_note_all(struct umb_partial *p);
 
 /* --- grids and columns (partial_tops.c) ------------------------------------------------------- */
 

@@ -198,4 +198,5 @@ void umb__tops_fill(struct umb_partial *p)
         }
     }
     p->tops_stale = false;
+    umb__changes_note_tops(p);
 }

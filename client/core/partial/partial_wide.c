@@ -241,6 +241,10 @@ static bool write_wide(struct umb_partial *p, uint32_t page, uint32_t level, uin
         lower[2 + count / 2] = upper[2 + count / 2] = pair;
         pair = count & 1 ? 0 : pair;
     }
+    for (uint64_t i = 2 + (count + 1) / 2; i < umb__wide_words(count); i++) {
+        lower[i] = upper[i] = 0;
+    }
+    umb__changes_note_nodes(p, word, umb__wide_words(count));
     forget(p, list);
     for (uint32_t i = 0; i < wide.watched_count; i++) {
         const struct umb__wide_ref ref = {page, umb__wide_name(level, position)};

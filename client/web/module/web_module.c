@@ -12,11 +12,12 @@
 
 #include "base/query_settings.h"
 #include "umbrage/curve.h"
+#include "umbrage/gpu.h"
 #include "umbrage/partial.h"
 #include "web/module/web_sha256.h"
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
-#define NUMBERS      48
+#define NUMBERS      96
 
 static struct {
     struct umb_partial *partial;
@@ -25,6 +26,8 @@ static struct {
     struct umb_light_info light;
     int is_complete; /* 1: all pages are in the last build */
     double numbers[NUMBERS];
+    struct umb_gpu_layout gpu; /* Layout of the array for a GPU; without entries before the first */
+    struct umb_gpu_placement placement;
 } here;
 
 double *EXPORT(umbx_numbers)(void);
@@ -50,8 +53,14 @@ const char *EXPORT(umbx_light)(uint32_t index);
 void EXPORT(umbx_settings_clear)(void);
 int EXPORT(umbx_set)(const char *name, uint32_t index, double value);
 int EXPORT(umbx_set_word)(const char *name, const char *word);
+int EXPORT(umbx_gpu_layout)(double spare);
+uint32_t EXPORT(umbx_gpu_changes)(uint32_t *ranges, uint32_t room);
+void EXPORT(umbx_gpu_write)(uint32_t first, uint32_t count, uint32_t *entries);
+int EXPORT(umbx_gpu_place)(void);
+const void *EXPORT(umbx_gpu_placement)(void);
 int EXPORT(umbx_query)(const void *positions, int is_f64, size_t count, const float *normals,
                        const float *footprints, int want, void *values, float *room);
+int EXPORT(umbx_explain)(double x, double y, double z, int has_normal);
 
 double *umbx_numbers(void)
 {
@@ -401,4 +410,128 @@ int umbx_query(const void *positions, int is_f64, size_t count, const float *nor
         put_counts(count, 0, &stats);
     }
     return status;
+}
+
+/* Explains the answer of one point from the pages that are held. In: numbers: the normal. Out:
+ * numbers: as asset.js names them. */
+int umbx_explain(double x, double y, double z, int has_normal)
+{
+    const double position[3] = {x, y, z};
+    const float normal[3] = {(float)here.numbers[0], (float)here.numbers[1],
+                             (float)here.numbers[2]};
+    const struct umb_points points = {.positions = position,
+                                      .format = UMB_POINT_F64,
+                                      .normals = has_normal ? normal : NULL,
+                                      .count = 1};
+    struct umb_explanation e = {.answer = 0};
+    struct umb_query query;
+    enum umb_status status =
+        umb_query_prepare(umb_partial_lower(here.partial), &here.settings, &query, &here.error);
+    if (status == UMB_OK) {
+        status = umb_points_check(&points, &here.error);
+    }
+    if (status != UMB_OK) {
+        return status;
+    }
+    umb_query_explain(&query, &points, 0, &e);
+    const double numbers[] = {e.answer,
+                              e.lit_taps,
+                              e.taps,
+                              e.level,
+                              e.frustum,
+                              e.nodes,
+                              e.bricks,
+                              e.transmittance,
+                              e.bias_m,
+                              e.cosine,
+                              e.voxel_size_m,
+                              e.footprint_m,
+                              e.facing_away,
+                              e.undefined,
+                              e.outside,
+                              e.before,
+                              e.behind,
+                              e.has_normal,
+                              e.moved[0],
+                              e.moved[1],
+                              e.moved[2],
+                              e.voxel[0],
+                              e.voxel[1],
+                              e.voxel[2],
+                              (double)e.cell[0],
+                              (double)e.cell[1],
+                              (double)e.cell[2],
+                              (double)e.window[0],
+                              (double)e.window[1],
+                              e.step_count};
+    const size_t count = sizeof numbers / sizeof *numbers;
+    memcpy(here.numbers, numbers, sizeof numbers);
+    for (size_t i = 0; i < UMB_TAPS_MAX; i++) {
+        here.numbers[count + i] = e.rows[i];
+    }
+    for (size_t i = 0; i < sizeof e.steps / sizeof *e.steps; i++) {
+        double *step = here.numbers + count + UMB_TAPS_MAX + 3 * i;
+        step[0] = e.steps[i].level;
+        step[1] = e.steps[i].state;
+        step[2] = (double)e.steps[i].index;
+    }
+    return UMB_OK;
+}
+
+/* --- for GPUs --------------------------------------------------------------------------------- */
+
+/* Makes a layout, unless the last one has room for what is built. In: spare: least room, in
+ * entries; at least half of the last array. Out: numbers: entries of the array; 1 if the layout is
+ * new: all is then to be copied. */
+int umbx_gpu_layout(double spare)
+{
+    const struct umb_asset *asset = umb_partial_lower(here.partial);
+    enum umb_status status = UMB_OK;
+    here.numbers[1] = here.gpu.entries == 0 || !umb_gpu_layout_fits(asset, &here.gpu);
+    if (here.numbers[1] > 0) {
+        const uint32_t least = whole_of(spare), half = here.gpu.entries / 2;
+        status = umb_gpu_layout_make(asset, half > least ? half : least, &here.gpu, &here.error);
+        umb_gpu_forget_changes(here.partial);
+    }
+    here.numbers[0] = here.gpu.entries;
+    return status;
+}
+
+/* Lists ranges of changed entries: pairs of first and count. Returns their number. */
+uint32_t umbx_gpu_changes(uint32_t *ranges, uint32_t room)
+{
+    return (uint32_t)umb_gpu_changes(here.partial, &here.gpu,
+                                     (struct umb_gpu_range *)(void *)ranges, room);
+}
+
+void umbx_gpu_write(uint32_t first, uint32_t count, uint32_t *entries)
+{
+    umb_gpu_write(umb_partial_lower(here.partial), here.partial, &here.gpu, first, count, entries);
+}
+
+/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias, face. Out: numbers:
+ * range in metres, bounds across and in depth in voxels. */
+int umbx_gpu_place(void)
+{
+    const double *in = here.numbers;
+    struct umb_gpu_precision precision = {0};
+    struct umb_gpu_view view = {.light = whole_of(in[0]),
+                                .has_to_world = in[1] > 0,
+                                .face = whole_of(in[23]),
+                                .bias_mode = (enum umb_bias_mode)whole_of(in[21]),
+                                .bias = in[22]};
+    memcpy(view.origin, in + 2, sizeof view.origin);
+    memcpy(view.to_world, in + 5, sizeof view.to_world);
+    const enum umb_status status = umb_gpu_place(umb_partial_lower(here.partial), &view,
+                                                 &here.placement, &precision, &here.error);
+    here.numbers[0] = precision.range_m;
+    here.numbers[1] = precision.across;
+    here.numbers[2] = precision.depth;
+    return status;
+}
+
+/* Returns the placement that umbx_gpu_place made: struct umb_gpu_placement. */
+const void *umbx_gpu_placement(void)
+{
+    return &here.placement;
 }

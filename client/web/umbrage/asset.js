@@ -1,13 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // An asset of which some pages are held: fetching what a view needs, and queries.
 import { UmbrageError, require } from "./errors.js";
+import { placementOf, takeChanges } from "./gpu_data.js";
 import { heldOf, openFront, update } from "./rounds.js";
 import { Module } from "./module.js";
 
 const SLICE = 32_768; // Points that are answered at a time
 const TURN_MS = 8; // A query of many points lets other work of the page in after this time
 const KINDS = ["directional", "spot", "point", "rectangle", "disc"];
-const OWN = new Set(["normals", "footprints", "origin", "bias", "bias_unit", "light", "want", "bounds"]);
+// What explain() gives, in the order of umbx_explain; the number behind a name: that many numbers.
+const EXPLAINED = { answer: 1, lit_taps: 1, taps: 1, level: 1, frustum: 1, nodes: 1, bricks: 1, transmittance: 1, bias_m: 1,
+  cosine: 1, voxel_size_m: 1, footprint_m: 1, facing_away: 0, undefined: 0, outside: 0, before: 0, behind: 0, has_normal: 0,
+  moved: 3, voxel: 3, cell: 3, window: 2, step_count: 1, rows: 17, steps: 48 };
+const STATES = ["shadowed", "lit", "mixed"];
+const OWN = new Set(["normal", "normals", "footprints", "origin", "bias", "bias_unit", "light", "want", "bounds"]);
 const MEMORY = 256 << 20;
 
 /** Ends the turn of this query, so that other events are handled. */
@@ -165,6 +171,20 @@ export class Asset {
     return { ...heldOf(this.#opened(), this.#counts), module_bytes: this.#module.memoryBytes };
   }
 
+  /** What changed for a GPU since the last call: see gpu.js. */
+  changes() {
+    return takeChanges(this.#opened());
+  }
+
+  /** What takes a shader's positions to the voxels of a light. */
+  placement({ light = 0, face = 0, origin = [0, 0, 0], to_world, bias = "auto", bias_unit = "metres" } = {}) {
+    require(to_world === undefined || to_world?.length === 16, "to_world: must be 16 numbers, column major");
+    require(typeof bias === "number" || bias === "auto" || bias === "none", "bias: must be auto, none or a number");
+    const mode = typeof bias === "string" ? bias : bias_unit;
+    return placementOf(this.#opened(), whole(this.#lightNumber(light), "light"), whole(face, "face"), triple(origin, "origin"),
+      to_world && Array.from(to_world), mode, typeof bias === "string" ? 0 : number(bias, "bias"));
+  }
+
   /** Gives the module the settings of a query. */
   #prepare(options) {
     const module = this.#opened(), { bias = "auto", bias_unit = "metres", light = 0 } = options;
@@ -213,6 +233,22 @@ export class Asset {
       throw error;
     }
     answers.copyOut(module, this.#scratch, first, count);
+  }
+
+  explain(point, options = {}) {
+    const module = this.#opened(), [x, y, z] = triple(point, "point"), { normal } = options;
+    this.#prepare(options);
+    module.numbers(3).set(normal === undefined ? [0, 0, 0] : triple(normal, "normal"));
+    module.run("explain", x, y, z, normal === undefined ? 0 : 1);
+    const numbers = Array.from(module.numbers(96)), explanation = {};
+    let at = 0;
+    for (const [name, count] of Object.entries(EXPLAINED)) {
+      const some = numbers.slice(at, at += count || 1);
+      explanation[name] = count === 0 ? some[0] !== 0 : count === 1 ? some[0] : some;
+    }
+    const { step_count, steps, ...rest } = explanation;
+    return { ...rest, rows: rest.rows.slice(0, rest.taps), steps: Array.from({ length: Math.min(step_count, 16) },
+      (_, i) => ({ level: steps[3 * i], state: STATES[steps[3 * i + 1]], index: steps[3 * i + 2] })) };
   }
 
   async close() {

@@ -143,6 +143,35 @@ export interface Answers<Values = Float32Array> {
   stats: Record<"points" | "outside" | "before" | "behind" | "facing_away" | "undefined" | "nodes" | "bricks", number>;
 }
 
+/** How an answer comes about: struct umb_explanation of umbrage/query.h. */
+export interface Explanation {
+  answer: number;
+  lit_taps: number;
+  taps: number;
+  level: number;
+  frustum: number;
+  nodes: number;
+  bricks: number;
+  transmittance: number;
+  bias_m: number;
+  cosine: number;
+  voxel_size_m: number;
+  footprint_m: number;
+  facing_away: boolean;
+  undefined: boolean;
+  outside: boolean;
+  before: boolean;
+  behind: boolean;
+  has_normal: boolean;
+  moved: number[];
+  voxel: number[];
+  cell: number[];
+  window: number[];
+  /** Bit i of row j: texel (window[0] + i, window[1] + j) is lit. */
+  rows: number[];
+  steps: { level: number; state: "shadowed" | "lit" | "mixed"; index: number }[];
+}
+
 export interface Light {
   name: string;
   kind: "directional" | "spot" | "point" | "rectangle" | "disc" | "unknown";
@@ -162,6 +191,42 @@ export interface Info {
   bounds: [number[], number[]];
 }
 
+/** Entries of 16 bytes that changed for a GPU; gpu.d.ts takes them. It may be posted to another thread. */
+export interface Changes {
+  /** Entries of the whole array. */
+  capacity: number;
+  /** Pairs of first entry and count. */
+  ranges: Uint32Array;
+  /** The entries of all ranges. */
+  words: Uint32Array;
+}
+
+export interface PlacementOptions {
+  /** Number or name of a light; 0 by default. */
+  light?: number | string;
+  /** Face of a light that is not directional: below its `frusta`. */
+  face?: number;
+  /** World position of the shader's position 0, 0, 0. */
+  origin?: Triple;
+  /** Instead of `origin`: a rotation and a move to the world, column major, such as a camera's matrix. */
+  to_world?: ArrayLike<number>;
+  bias?: "auto" | "none" | number;
+  bias_unit?: "metres" | "voxels";
+}
+
+/** What takes a shader's positions to the voxels of a light: struct UmbragePlacement. */
+export interface Placement {
+  bytes: ArrayBuffer;
+  /** Its members, as views of `bytes`. */
+  fields: Record<"row_x" | "row_y" | "row_z" | "row_w" | "info", Int32Array> & Record<"low", Uint32Array> &
+    Record<"step_x" | "step_y" | "step_z" | "light" | "lamp" | "axis", Float32Array>;
+  /** Positions with a coordinate beyond it count as lit. */
+  range_m: number;
+  /** Positions farther than this from a voxel's border get the voxel that `query` looks up; on x and y, and in depth. */
+  bound_voxels: number;
+  bound_depth: number;
+}
+
 /** An open asset. Calls may overlap: `want` calls run one after the other, queries use the pages of the moment. */
 export class Asset {
   readonly info: Info;
@@ -171,7 +236,12 @@ export class Asset {
   query(points: Float32Array | Float64Array, settings?: QuerySettings & { format?: "f32" }): Promise<Answers>;
   query(points: Float32Array | Float64Array, settings: QuerySettings & { format: "u8" | "bit" }):
     Promise<Answers<Uint8Array>>;
+  /** Explains the answer of one point from the pages that are held; where one is missing, as if shadowed there. */
+  explain(point: Triple, settings?: Omit<QuerySettings, "normals"> & { normal?: Triple }): Explanation;
   held(): Held;
+  /** What changed for a GPU since the last call; the first time all. For one consumer. */
+  changes(): Changes;
+  placement(options?: PlacementOptions): Placement;
   /** Frees the asset. */
   close(): Promise<void>;
 }

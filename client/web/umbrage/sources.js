@@ -42,8 +42,13 @@ class HttpSource {
     const stop = () => ours.abort(signal.reason);
     let timer, stalled = false;
     const alive = () => {
+      const begun = performance.now();
       clearTimeout(timer);
       timer = setTimeout(() => {
+        if (performance.now() - begun > 1.1 * STALL_MS) { // The page was busy, and what came is not handled yet
+          alive();
+          return;
+        }
         stalled = true;
         ours.abort();
       }, STALL_MS);

@@ -310,7 +310,8 @@ static enum umb_status fit_frusta(struct umbb_analysis *analysis, uint32_t log2_
         .fit = {.corners = (const double(*)[3][3])analysis->corners,
                 .count = analysis->count + analysis->translucent_count,
                 .origin = analysis->origin,
-                .log2_size = log2_size},
+                .log2_size = log2_size,
+                .threads = analysis->threads},
         .bounds = analysis->bounds,
         .closed = analysis->closed_rule,
     };

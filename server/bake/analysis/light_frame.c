@@ -5,9 +5,15 @@
 #include "bake/analysis/light_frame.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/try.h"
 #include "base/vec.h"
+#include "tool/threads.h"
+
+/* Triangles that a thread measures at a time. */
+#define MEASURE_BLOCK ((size_t)1 << 15)
 
 /* Computes sine and cosine of 0..45 degrees by series; the omitted terms are below 1e-19. */
 static void small_sin_cos(double degrees, double *sine, double *cosine)
@@ -114,20 +120,59 @@ enum umb_status umbb_world_check(const double (*corners)[3][3], size_t count,
     return UMB_OK;
 }
 
-static void measure(const struct umbb_fit *fit, double axes[3][3], struct umbb_extent extents[3])
+/* Corners being measured along the axes of a light, in blocks. */
+struct measuring {
+    const struct umbb_fit *fit;
+    double axes[3][3];
+    struct umbb_extent (*extents)[3]; /* [blocks] */
+};
+
+/* Measures one block. Of equal values, which may be zeros of either sign, the first one stays. */
+static enum umb_status measure_block(void *user, size_t first, size_t count,
+                                     struct umb_error *error)
 {
+    const struct measuring *m = user;
+    struct umbb_extent extents[3];
+    (void)error;
     for (int axis = 0; axis < 3; axis++) {
         extents[axis] = (struct umbb_extent){INFINITY, -INFINITY};
     }
-    for (size_t i = 0; i < fit->count; i++) {
+    for (size_t i = first; i < first + count; i++) {
         for (int k = 0; k < 3; k++) {
             double at[3];
-            umb__subtract(fit->corners[i][k], fit->origin, at);
+            umb__subtract(m->fit->corners[i][k], m->fit->origin, at);
             for (int axis = 0; axis < 3; axis++) {
-                umbb_extent_add(&extents[axis], umb__dot(axes[axis], at));
+                umbb_extent_add(&extents[axis], umb__dot(m->axes[axis], at));
             }
         }
     }
+    memcpy(m->extents[first / MEASURE_BLOCK], extents, sizeof extents);
+    return UMB_OK;
+}
+
+/* Measures all corners: block by block, then the blocks in order. */
+static enum umb_status measure(const struct umbb_fit *fit, double axes[3][3],
+                               struct umbb_extent extents[3], struct umb_error *error)
+{
+    const size_t blocks = fit->count / MEASURE_BLOCK + 1;
+    struct measuring m = {.fit = fit, .extents = malloc(blocks * sizeof *m.extents)};
+    if (m.extents == NULL) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "light frame: memory for %zu extents refused",
+                        blocks);
+    }
+    memcpy(m.axes, axes, sizeof m.axes);
+    const unsigned threads = fit->threads > 0 && blocks > 1 ? fit->threads : 1;
+    const enum umb_status status =
+        umbu_range_run(threads, fit->count, MEASURE_BLOCK, measure_block, &m, error);
+    for (int axis = 0; axis < 3; axis++) {
+        extents[axis] = (struct umbb_extent){INFINITY, -INFINITY};
+        for (size_t i = 0; status == UMB_OK && i * MEASURE_BLOCK < fit->count; i++) {
+            umbb_extent_add(&extents[axis], m.extents[i][axis].low);
+            umbb_extent_add(&extents[axis], m.extents[i][axis].high);
+        }
+    }
+    free(m.extents);
+    return status;
 }
 
 double umbb_extent_scale(const struct umbb_extent *extent, double least, double size,
@@ -145,7 +190,7 @@ enum umb_status umbb_light_frame_fit(const struct umbb_fit *fit, const double di
     double axes[3][3];
     struct umbb_extent extents[3];
     umbb_light_axes(direction, axes);
-    measure(fit, axes, extents);
+    UMB__TRY(measure(fit, axes, extents, error));
     double most = 0.0;
     for (int axis = 0; axis < 3; axis++) {
         most = fmax(most, extents[axis].high - extents[axis].low);

@@ -67,10 +67,11 @@ struct umbb_fit {
     size_t count;                  /* above 0 */
     const double *origin;          /* [3] metres, world: origin of the asset */
     uint32_t log2_size;            /* voxels a side of a frustum, log2 */
+    unsigned threads;              /* threads that share the corners; 0 = 1 */
 };
 
 /*
- * Fits the frustum of a directional light.
+ * Fits the frustum of a directional light. The result is the same for any number of threads.
  *
  * In:    direction: of unit length.
  * Out:   frustum: log2_size, world_to_voxel and voxel_step set, everything else zero.

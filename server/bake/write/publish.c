@@ -4,11 +4,12 @@
 
 #include <string.h>
 
-#include "base/page_alloc.h"
 #include "base/try.h"
 #include "tool/threads.h"
 #include "bake/base/interrupt.h"
+#include "bake/write/page_compare.h"
 #include "common/sha256.h"
+#include "format/asset_parts.h"
 
 enum umb_status umbb_publish_begin(struct umbb_publish *publish, const char *path,
                                    struct umb_error *error)
@@ -60,16 +61,40 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     return status == UMB_OK ? UMB_OK : umbu_output_explain(&publish->file, status, error);
 }
 
-/* Opens the written file. Its array of nodes grows without copies, as in the bake: otherwise the
- * checks would take more memory than the bake. */
-static enum umb_status reopen(const struct umbb_publish *publish, uint64_t max_memory_bytes,
-                              struct umb_asset **asset, struct umb_error *error)
+/* Comparison of the written file with its octree, as a reader of its pages. */
+struct read_back {
+    struct umbb_page_compare compare;
+    struct umb__octree *octree;
+};
+
+/* Compares the pages with the octree, and gives the octree away as theirs. */
+static enum umb_status read_pages(void *user, const uint8_t *file, const struct umb__head *head,
+                                  const struct umb__canonical *canonical, uint64_t max_memory_bytes,
+                                  struct umb__octree *octree, struct umb_error *error)
+{
+    struct read_back *back = user;
+    UMB__TRY(umbb_pages_compare(&back->compare, file, head, canonical, max_memory_bytes, error));
+    *octree = *back->octree;
+    memset(back->octree, 0, sizeof *back->octree);
+    return UMB_OK;
+}
+
+/* Opens the written file. */
+static enum umb_status reopen(const struct umbb_publish *publish, struct umb__octree *octree,
+                              uint64_t max_memory_bytes, struct umb_asset **asset,
+                              struct umb_error *error)
 {
     const struct umb_open_options options = {.max_memory_bytes = max_memory_bytes,
-                                             .alloc = &umb__page_alloc};
+                                             .alloc = octree->alloc};
+    struct umbu_threads *threads;
     struct umb_error cause;
+    UMB__TRY(umbu_threads_create(publish->threads, &threads, error));
+    const struct umb_workers workers = umbu_threads_workers(threads);
+    struct read_back back = {{octree, &workers, umbb_interrupted}, octree};
+    const struct umb__page_reader reader = {read_pages, &back};
     const enum umb_status status =
-        umb_asset_open_file(publish->file.temporary, &options, asset, &cause);
+        umb__asset_open_by(&reader, publish->file.temporary, &options, asset, &cause);
+    umbu_threads_destroy(threads);
     if (status == UMB_E_TOO_LARGE) {
         return umb_fail(error, UMB_E_LIMIT,
                         "--memory: too little is left to check what was baked; give more or lower "
@@ -82,12 +107,12 @@ static enum umb_status reopen(const struct umbb_publish *publish, uint64_t max_m
     return status;
 }
 
-enum umb_status umbb_publish_check(struct umbb_publish *publish, const struct umbb_check *check,
-                                   struct umb_error *error)
+enum umb_status umbb_publish_check(struct umbb_publish *publish, struct umb__octree *octree,
+                                   const struct umbb_check *check, struct umb_error *error)
 {
     struct umb_asset *asset;
     enum umb_status status = UMB_OK;
-    UMB__TRY(reopen(publish, check->max_memory_bytes, &asset, error));
+    UMB__TRY(reopen(publish, octree, check->max_memory_bytes, &asset, error));
     umb_asset_get_info(asset, &publish->info);
     if (memcmp(publish->info.id, publish->id, sizeof publish->id) != 0) {
         status = umb_fail(error, UMB_E_INTERNAL,

@@ -2,12 +2,13 @@
 #ifndef UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
 #define UMBRAGE_SERVER_BAKE_WRITE_PUBLISH_H
 /*
- * From octree to file: write a temporary, open it again without trusting it, compare it with traced
- * rays, and only then give it its name. A file that fails a check never appears under the name.
+ * From octree to file: write a temporary, read it again and compare it with the octree, compare the
+ * octree with traced rays, and only then give the file its name. A file that fails a check never
+ * appears under the name.
  *
  *     umbb_publish_begin(&publish, "city.umb", &error);     early: shows an unwritable place
  *     umbb_publish_write(&publish, &content, &octree, &error);
- *     umbb_publish_check(&publish, &check, &error);
+ *     umbb_publish_check(&publish, &octree, &check, &error);
  *     umbb_publish_commit(&publish, &error);
  *     umbb_publish_abandon(&publish);                       no effect after commit
  */
@@ -35,13 +36,17 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
                                                struct umb_error *error);
 
 /*
- * Opens the temporary with full validation, compares its identity, and traces rays.
+ * Opens the temporary with full validation, compares all its nodes with the octree's
+ * (write/page_compare.h) and its identity with the one written, and traces rays.
  *
  * With many lights each gets fewer points, but not fewer than 20000 (or the requested number).
+ * In:    octree: as for umbb_publish_write. It is taken over if the file holds it; finish it
+ *        anyway.
  * Fails: E_INTERNAL if the file differs from what was written; E_LIMIT if opening takes more than
  *        max_memory_bytes; the errors of umbb_self_check, and other failures of opening.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
+                                               struct umb__octree *octree,
                                                const struct umbb_check *check,
                                                struct umb_error *error);
 

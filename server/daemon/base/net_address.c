@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 enum umb_status umbd_address_parse_admin(const char *text, struct umbn_address *address,
                                          struct umb_error *error)
@@ -48,24 +47,6 @@ int umbd_address_is_loopback(const struct sockaddr_storage *address)
     }
     memcpy(&v6, address, sizeof v6);
     return address->ss_family == AF_INET6 && IN6_IS_ADDR_LOOPBACK(&v6.sin6_addr);
-}
-
-int umbd_host_is_local(const char *host, size_t length)
-{
-    static const char *const names[] = {"localhost", "127.", "[::1]"};
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        const size_t known = strlen(names[i]);
-        size_t at = known;
-        if (length < known || strncasecmp(host, names[i], known) != 0) {
-            continue;
-        }
-        while (names[i][known - 1] == '.' && at < length &&
-               ((host[at] >= '0' && host[at] <= '9') || host[at] == '.')) {
-            at++;
-        }
-        return at == length || host[at] == ':';
-    }
-    return 0;
 }
 
 void umbd_address_text(const struct sockaddr_storage *address, char *text, size_t size)

@@ -24,13 +24,6 @@ UMB_CHECKED enum umb_status umbd_address_resolve(const struct umbn_address *addr
 /* 1 if only this machine can reach the address. */
 int umbd_address_is_loopback(const struct sockaddr_storage *address);
 
-/*
- * Returns 1 if the value of a Host header names this machine: localhost, 127.*, [::1], each also
- * with a port. In a DNS rebinding attack, a web page's own name resolves to 127.0.0.1, and the
- * browser sends that name as the host.
- */
-int umbd_host_is_local(const char *host, size_t length);
-
 /* Writes a socket address as HOST:PORT. */
 void umbd_address_text(const struct sockaddr_storage *address, char *text, size_t size);
 

@@ -24,7 +24,7 @@
 #include "daemon/base/method.h"
 #include "daemon/call/optimistic_reads.h"
 #include "daemon/transport/conn.h"
-#include "daemon/transport/http1_request.h"
+#include "net/http1_request.h"
 #include "daemon/work/batch.h"
 #include "grpc/grpc.h"
 #include "wire/messages.h"
@@ -92,7 +92,7 @@ struct umbd_queued {
 
 /* State of a request of HTTP/1.1. */
 struct umbd_web {
-    const struct umbd_http1_request *request; /* Valid until the service returns; then NULL */
+    const struct umbn_http1_request *request; /* Valid until the service returns; then NULL */
     int is_head;                              /* 1: the reply has no body */
     const char *vary;    /* Lines of Vary: fields of the request on which replies depend, or "" */
     const char *origin;  /* Value of Access-Control-Allow-Origin; NULL: none */
@@ -406,7 +406,7 @@ int umbd_call_tick(struct umbd_call *call, uint64_t now_ms);
 /* --- Requests of HTTP/1.1 (web_call.c): events of the transport --- */
 
 struct umbd_call *umbd_web_request(struct umbd_conn *conn, int32_t number,
-                                   const struct umbd_http1_request *request);
+                                   const struct umbn_http1_request *request);
 int umbd_web_is_over(const struct umbd_call *call);
 
 /* Handlers of the transport's events for calls (call_home.c). umbd_server.backend must be a struct

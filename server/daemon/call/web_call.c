@@ -9,7 +9,7 @@
  * Finds out whether the page that sent the request may read the reply, and on which fields replies
  * depend. The values are static or the options', so the reply holds nothing of the request.
  */
-static void check_origin(struct umbd_call *call, const struct umbd_http1_request *request)
+static void check_origin(struct umbd_call *call, const struct umbn_http1_request *request)
 {
     const char *const *origins = call->server->options.http_origins;
     struct umbd_web *web = call->web;
@@ -23,13 +23,13 @@ static void check_origin(struct umbd_call *call, const struct umbd_http1_request
         web->origin = "*";
     }
     for (size_t i = 0; is_list && request->origin.bytes != NULL && origins[i] != NULL; i++) {
-        if (umbd_http1_is(request->origin, origins[i])) {
+        if (umbn_http1_is(request->origin, origins[i])) {
             web->origin = origins[i];
         }
     }
 }
 
-static void keep_path(struct umbd_call *call, struct umbd_http1_text path)
+static void keep_path(struct umbd_call *call, struct umbn_http1_text path)
 {
     const size_t size =
         path.size < sizeof call->path ? path.size : sizeof call->path - 1; /* for the log */
@@ -40,7 +40,7 @@ static void keep_path(struct umbd_call *call, struct umbd_http1_text path)
 }
 
 struct umbd_call *umbd_web_request(struct umbd_conn *conn, int32_t number,
-                                   const struct umbd_http1_request *request)
+                                   const struct umbn_http1_request *request)
 {
     struct umbd_call *call = umbd_call_create(conn, number, 0);
     if (call == NULL) {
@@ -54,7 +54,7 @@ struct umbd_call *umbd_web_request(struct umbd_conn *conn, int32_t number,
     call->headers_whole = call->request_ended = 1;
     call->method = call->backend->web;
     call->web->request = request;
-    call->web->is_head = request->method == UMBD_HTTP1_HEAD;
+    call->web->is_head = request->method == UMBN_HTTP1_HEAD;
     keep_path(call, request->path);
     check_origin(call, request);
     if (request->authorization.bytes != NULL) {

@@ -16,40 +16,7 @@
 #include <string.h>
 #include <time.h>
 
-static const char *reason_of(int status)
-{
-    static const struct {
-        int status;
-        const char *reason;
-    } reasons[] = {
-        {200, "OK"},
-        {204, "No Content"},
-        {206, "Partial Content"},
-        {304, "Not Modified"},
-        {400, "Bad Request"},
-        {401, "Unauthorized"},
-        {403, "Forbidden"},
-        {404, "Not Found"},
-        {405, "Method Not Allowed"},
-        {412, "Precondition Failed"},
-        {413, "Content Too Large"},
-        {414, "URI Too Long"},
-        {416, "Range Not Satisfiable"},
-        {417, "Expectation Failed"},
-        {421, "Misdirected Request"},
-        {429, "Too Many Requests"},
-        {431, "Request Header Fields Too Large"},
-        {501, "Not Implemented"},
-        {503, "Service Unavailable"},
-        {505, "HTTP Version Not Supported"},
-        {500, "Internal Server Error"},
-    };
-    size_t i = 0;
-    while (i + 1 < sizeof reasons / sizeof reasons[0] && reasons[i].status != status) {
-        i++;
-    }
-    return reasons[i].reason;
-}
+#include "net/http1_fields.h"
 
 /* Status of a gRPC code. */
 static int status_of(int code)
@@ -104,12 +71,12 @@ size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const 
     if (status != 204 && status != 304) {
         (void)snprintf(size, sizeof size, "Content-Length: %llu\r\n", (unsigned long long)length);
     }
-    const int count =
-        snprintf(text, UMBD_WEB_HEAD_BYTES,
-                 "HTTP/1.1 %d %s\r\nDate: %s\r\n%s%s%s%s%s"
-                 "X-Content-Type-Options: nosniff\r\n\r\n",
-                 status, reason_of(status), parts.date, size, fields, parts.origin, call->web->vary,
-                 conn->last_request || conn->leaving ? "Connection: close\r\n" : "");
+    const int count = snprintf(text, UMBD_WEB_HEAD_BYTES,
+                               "HTTP/1.1 %d %s\r\nDate: %s\r\n%s%s%s%s%s"
+                               "X-Content-Type-Options: nosniff\r\n\r\n",
+                               status, umbn_http1_reason(status), parts.date, size, fields,
+                               parts.origin, call->web->vary,
+                               conn->last_request || conn->leaving ? "Connection: close\r\n" : "");
     call->web->status = status;
     call->responded = 1;
     call->responded_ms = call->progress_ms = umbd_call_now_ms(call);

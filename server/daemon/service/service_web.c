@@ -10,6 +10,7 @@
 #include "daemon/service/services.h"
 #include "daemon/service/web_body.h"
 #include "daemon/service/web_parts.h"
+#include "net/http1_fields.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -46,11 +47,10 @@ static void refuse(struct umbd_call *call, int status, const char *fields, const
  */
 static int is_meant_for_us(const struct umbd_call *call)
 {
-    const struct umbd_http1_text host = call->web->request->host;
+    const struct umbn_http1_text host = call->web->request->host;
     const struct umbd_options *options = &call->server->options;
     return call->backend->tokens != NULL || options->without_tokens || call->conn->tls != NULL ||
-           umbd_conn_is_local(call->conn) || host.bytes == NULL ||
-           umbd_host_is_local(host.bytes, host.size);
+           umbd_conn_is_local(call->conn) || host.bytes == NULL || umbn_host_is_local(host);
 }
 
 /* Answers a browser that asks whether a page may send a request. It carries no token. */
@@ -70,14 +70,14 @@ static void answer_preflight(struct umbd_call *call)
 /* Answers requests that are for no asset. Returns 0 if this one was. */
 static int answer_others(struct umbd_call *call, struct umbd_web_route *route)
 {
-    const struct umbd_http1_request *request = call->web->request;
+    const struct umbn_http1_request *request = call->web->request;
     if (request->refusal != 0) {
         refuse(call, request->refusal, "", request->reason);
     } else if (!is_meant_for_us(call)) {
         refuse(call, 421, "", "Host: is not this machine");
-    } else if (request->method == UMBD_HTTP1_OPTIONS) {
+    } else if (request->method == UMBN_HTTP1_OPTIONS) {
         answer_preflight(call);
-    } else if (request->method == UMBD_HTTP1_OTHER) {
+    } else if (request->method == UMBN_HTTP1_OTHER) {
         refuse(call, 405, "Allow: GET, HEAD, OPTIONS\r\n",
                "only GET, HEAD and OPTIONS are allowed");
     } else if (!umbd_web_route(request->path, route)) {
@@ -125,13 +125,13 @@ static void describe(struct asset_request *asset)
 static int answer_conditions(struct asset_request *asset)
 {
     struct umbd_call *call = asset->call;
-    const struct umbd_http1_request *request = call->web->request;
-    if (request->if_match.bytes != NULL && !umbd_tags_have(request->if_match, asset->tag, 0)) {
+    const struct umbn_http1_request *request = call->web->request;
+    if (request->if_match.bytes != NULL && !umbn_tags_have(request->if_match, asset->tag, 0)) {
         umbd_web_reply(call, 412, "", "If-Match: the asset has another id");
         return 1;
     }
     if (request->if_none_match.bytes != NULL &&
-        umbd_tags_have(request->if_none_match, asset->tag, 1)) {
+        umbn_tags_have(request->if_none_match, asset->tag, 1)) {
         describe(asset);
         umbd_web_reply(call, 304, asset->fields, "");
         return 1;
@@ -139,13 +139,13 @@ static int answer_conditions(struct asset_request *asset)
     return 0;
 }
 
-static void refuse_ranges(struct asset_request *asset, enum umbd_ranges_result result)
+static void refuse_ranges(struct asset_request *asset, enum umbn_ranges_result result)
 {
     static const char *const reasons[] = {
-        [UMBD_RANGES_BEYOND] = "Range: begins behind the end of the asset",
-        [UMBD_RANGES_MALFORMED] = "Range: give bytes=FIRST-LAST, or several with commas",
-        [UMBD_RANGES_TOO_MANY] = "Range: more than 128 ranges",
-        [UMBD_RANGES_OVERLAP] = "Range: two ranges overlap",
+        [UMBN_RANGES_BEYOND] = "Range: begins behind the end of the asset",
+        [UMBN_RANGES_MALFORMED] = "Range: give bytes=FIRST-LAST, or several with commas",
+        [UMBN_RANGES_TOO_MANY] = "Range: more than 128 ranges",
+        [UMBN_RANGES_OVERLAP] = "Range: two ranges overlap",
     };
     char fields[64];
     (void)snprintf(fields, sizeof fields, "Content-Range: bytes */%llu\r\n",
@@ -157,15 +157,15 @@ static void refuse_ranges(struct asset_request *asset, enum umbd_ranges_result r
  * file. RFC 9110 defines ranges for GET only. */
 static int find_ranges(struct asset_request *asset, struct umb_range *ranges, size_t *count)
 {
-    const struct umbd_http1_request *request = asset->call->web->request;
+    const struct umbn_http1_request *request = asset->call->web->request;
     *count = 0;
-    if (request->range.bytes == NULL || request->method != UMBD_HTTP1_GET ||
-        (request->if_range.bytes != NULL && !umbd_http1_is(request->if_range, asset->tag))) {
+    if (request->range.bytes == NULL || request->method != UMBN_HTTP1_GET ||
+        (request->if_range.bytes != NULL && !umbn_http1_is(request->if_range, asset->tag))) {
         return 1;
     }
-    const enum umbd_ranges_result result =
-        umbd_ranges_parse(request->range, asset->size, ranges, count);
-    if (result != UMBD_RANGES_OK && result != UMBD_RANGES_NONE) {
+    const enum umbn_ranges_result result =
+        umbn_ranges_parse(request->range, asset->size, ranges, count);
+    if (result != UMBN_RANGES_OK && result != UMBN_RANGES_NONE) {
         refuse_ranges(asset, result);
         return 0;
     }
@@ -176,7 +176,7 @@ static int find_ranges(struct asset_request *asset, struct umb_range *ranges, si
 static void answer_bytes(struct asset_request *asset)
 {
     struct umbd_call *call = asset->call;
-    struct umb_range ranges[UMBD_RANGES_MAX];
+    struct umb_range ranges[UMBN_RANGES_MAX];
     size_t count;
     if (!find_ranges(asset, ranges, &count)) {
         return;

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "daemon/service/web_parts.h"
+#include "net/http1_fields.h"
 
 #define PIECE_BYTES    ((size_t)256 << 10)
 #define BOUNDARY_BYTES 16  /* random bytes of the boundary, which no file can contain knowingly */

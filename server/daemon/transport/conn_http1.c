@@ -14,11 +14,11 @@
 
 #include "daemon/transport/conn.h"
 #include "daemon/transport/conn_tls.h"
-#include "daemon/transport/http1_request.h"
+#include "net/http1_request.h"
 
 #define READ_BYTES    8192  /* read at once */
 #define RECORD_BYTES  16384 /* a TLS record, which may be complete with the next byte */
-#define BUFFER_BYTES  (UMBD_HTTP1_HEAD_BYTES + READ_BYTES + RECORD_BYTES)
+#define BUFFER_BYTES  (UMBN_HTTP1_HEAD_BYTES + READ_BYTES + RECORD_BYTES)
 #define BUFFER_STEP   4096
 #define HEAD_MS       10000 /* time limit of a head, from its first byte */
 #define LINGER_MS     1000
@@ -88,7 +88,7 @@ static size_t room(struct umbd_conn *conn, uint8_t **place)
 
 static int has_room(const struct umbd_conn *conn)
 {
-    return conn->http1->size < UMBD_HTTP1_HEAD_BYTES;
+    return conn->http1->size < UMBN_HTTP1_HEAD_BYTES;
 }
 
 /* Makes room for `count` more bytes. Returns 0 if a budget or memory is exhausted. */
@@ -133,7 +133,7 @@ static void consume(struct umbd_conn *conn, size_t count)
 }
 
 /* Opens the call of a request, or of a refused head. */
-static void open_call(struct umbd_conn *conn, struct umbd_http1_request *request)
+static void open_call(struct umbd_conn *conn, struct umbn_http1_request *request)
 {
     struct umbd_conn_http1 *http = conn->http1;
     conn->is_greeted = 1;
@@ -154,7 +154,7 @@ static void open_call(struct umbd_conn *conn, struct umbd_http1_request *request
 static int begin_next(struct umbd_conn *conn)
 {
     struct umbd_conn_http1 *http = conn->http1;
-    struct umbd_http1_request request;
+    struct umbn_http1_request request;
     if (http->over || conn->terminated || !LIST_EMPTY(&conn->calls) || http->size == 0) {
         return 0;
     }
@@ -166,23 +166,23 @@ static int begin_next(struct umbd_conn *conn)
         }
         return http->blank;
     }
-    const size_t size = umbd_http1_head_size(bytes, http->size, http->searched);
+    const size_t size = umbn_http1_head_size(bytes, http->size, http->searched);
     http->searched = http->size;
     if (size > 0) {
         http->blank = 0;
-        umbd_http1_parse(bytes, size, &request);
+        umbn_http1_parse(bytes, size, &request);
         open_call(conn, &request);
         if (!http->over && !conn->terminated) {
             consume(conn, size);
         }
         return 1;
     }
-    const int refusal = umbd_http1_refuses_early(bytes, http->size);
+    const int refusal = umbn_http1_refuses_early(bytes, http->size);
     if (refusal == 0) {
         return 0;
     }
     memset(&request, 0, sizeof request);
-    umbd_http1_refuse(&request, refusal);
+    umbn_http1_refuse(&request, refusal);
     open_call(conn, &request);
     return 1;
 }

@@ -15,7 +15,7 @@
 
 struct umbd_call;
 struct umbd_conn;
-struct umbd_http1_request;
+struct umbn_http1_request;
 struct umbd_loop;
 struct umbd_server;
 
@@ -51,7 +51,7 @@ struct umbd_call_events {
      * reply bytes that are ready to be sent. _is_over returns 1 once the reply is whole and sent.
      * _find returns the connection's call with that number, or NULL. */
     struct umbd_call *(*web_request)(struct umbd_conn *conn, int32_t number,
-                                     const struct umbd_http1_request *request);
+                                     const struct umbn_http1_request *request);
     size_t (*web_unsent)(const struct umbd_call *call);
     int (*web_is_over)(const struct umbd_call *call);
     struct umbd_call *(*web_find)(struct umbd_conn *conn, int32_t number);

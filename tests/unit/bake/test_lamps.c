@@ -42,7 +42,7 @@ static enum umb_status fit(const double (*corners)[3][3], size_t count, const do
     struct umb_light_info light = {.name = "lamp",
                                    .kind = half_deg > 0 ? UMB_LIGHT_SPOT : UMB_LIGHT_POINT};
     struct umbb_light_choice choice = {.lights = &light, .cones = &cone, .count = 1};
-    struct umbb_frusta_input input = {.fit = {corners, count, origin, LOG2},
+    struct umbb_frusta_input input = {.fit = {corners, count, origin, LOG2, 1},
                                       .bounds = {{0, 0, 0}, {10, 10, 5}}};
     memcpy(light.position, position, sizeof light.position);
     for (int k = 0; half_deg > 0 && k < 3; k++) {
@@ -114,7 +114,7 @@ static void what_a_face_leaves_out_is_refused(void **state)
         for (int i = 0; i < 9; i++) {
             v[0][i / 3][i % 3] = scale * (2 * random_unit(&seed) - 1);
         }
-        const struct umbb_fit triangle = {(const double(*)[3][3])v, 1, origin, LOG2};
+        const struct umbb_fit triangle = {(const double(*)[3][3])v, 1, origin, LOG2, 1};
         struct umbb_contact contact;
         for (int i = 0; i < 2000 && !seen; i++) {
             const double b = random_unit(&seed), c = (1 - b) * random_unit(&seed);

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdlib.h>
 #include <math.h>
 #include <string.h>
 
@@ -88,7 +89,7 @@ static void check_fit(const double direction[3], const double centre[3], const d
     memcpy(voxel, world, sizeof voxel);
     struct umb_frustum_info frustum;
     struct umb_error error;
-    const struct umbb_fit fit = {(const double(*)[3][3])world, COUNT, origin, log2_size};
+    const struct umbb_fit fit = {(const double(*)[3][3])world, COUNT, origin, log2_size, 1};
     assert_int_equal(umbb_light_frame_fit(&fit, direction, &frustum, &error), UMB_OK);
     umbb_light_frame_apply(&frustum, origin, voxel, COUNT);
     const double size = (double)(1U << log2_size);
@@ -223,7 +224,7 @@ static void coordinates_out_of_reach_are_refused(void **state)
     const double point[1][3][3] = {{{1, 1, 1}, {1, 1, 1}, {1, 1, 1}}};
     struct umb_frustum_info frustum;
     struct umb_error error;
-    const struct umbb_fit fit = {point, 1, origin, 10};
+    const struct umbb_fit fit = {point, 1, origin, 10, 1};
     assert_int_equal(umbb_light_frame_fit(&fit, down, &frustum, &error), UMB_E_BAD_SCENE);
 }
 
@@ -239,9 +240,39 @@ static void directions_without_length_are_refused(void **state)
     assert_true(fabs(huge[0] - 0.6) < 1e-15 && fabs(huge[2] + 0.8) < 1e-15);
 }
 
+/* Many blocks of triangles, with zeros of both signs as extremes. */
+static void the_fit_is_the_same_for_any_number_of_threads(void **state)
+{
+    enum {
+        MANY = 200000
+    };
+    const double origin[3] = {1, -2, 0}, directions[2][3] = {{0.48, -0.6, 0.64}, {0, 0, -1}};
+    double(*corners)[3][3] = malloc(MANY * sizeof *corners);
+    uint64_t bits = 1;
+    struct umb_error error;
+    (void)state;
+    assert_non_null(corners);
+    for (size_t i = 0; i < (size_t)MANY * 9; i++) {
+        bits = bits * UINT64_C(6364136223846793005) + 1;
+        const double value = (double)(bits >> 40) - 0x1p23;
+        corners[i / 9][i / 3 % 3][i % 3] = i % 3 < 2 ? value : value < 0 ? -0.0 : 0.0;
+    }
+    for (int d = 0; d < 2; d++) {
+        struct umb_frustum_info one, other;
+        struct umbb_fit fit = {(const double(*)[3][3])corners, MANY, origin, 12, 1};
+        assert_int_equal(umbb_light_frame_fit(&fit, directions[d], &one, &error), UMB_OK);
+        for (fit.threads = 0; fit.threads < 6; fit.threads++) {
+            assert_int_equal(umbb_light_frame_fit(&fit, directions[d], &other, &error), UMB_OK);
+            assert_memory_equal(&one, &other, sizeof one);
+        }
+    }
+    free(corners);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_fit_is_the_same_for_any_number_of_threads),
         cmocka_unit_test(sine_and_cosine_are_those_of_the_library),
         cmocka_unit_test(sun_directions_follow_compass_and_up_axis),
         cmocka_unit_test(frames_hold_all_casters_for_any_direction),

@@ -119,7 +119,7 @@ static void a_fitted_face_holds_what_it_sees_and_no_more(void **state)
     boxes_make(&soup);
     const struct umbb_casters world = {
         .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
-    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2};
+    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2, 1};
     for (int n = 0; n < 20; n++) {
         double random[4]; /* one after the other: the order of arguments is the compiler's */
         for (int k = 0; k < 4; k++) {
@@ -187,7 +187,7 @@ static void both_depth_paths_agree_under_perspective(void **state)
     boxes_make(&soup);
     const struct umbb_casters world = {
         .corners = (const double(*)[3][3])soup.corners, .kinds = soup.kinds, .count = soup.count};
-    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2};
+    const struct umbb_fit fit = {world.corners, world.count, origin, LOG2, 1};
     for (int n = 0; n < 6; n++) {
         const struct umbb_eye eye =
             eye_at(30 + n, 32 - 2 * n, 10 * soup_unit(&soup), 0.3 + 0.2 * n);

@@ -51,7 +51,7 @@ static int setup(void **state)
     memcpy(f->light.name, "sun", 4);
     f->light.frustum_count = 1;
     umbb_sun_direction(135.0, 60.0, 1, f->light.direction);
-    const struct umbb_fit fit = {(const double(*)[3][3])f->world, 14, origin, LOG2_SIZE};
+    const struct umbb_fit fit = {(const double(*)[3][3])f->world, 14, origin, LOG2_SIZE, 1};
     assert_int_equal(umbb_light_frame_fit(&fit, f->light.direction, &f->frustum, &error), UMB_OK);
     umbb_light_frame_apply(&f->frustum, origin, f->soup.corners, 14);
     soup_bake(&f->soup, 0, 7, 1, &f->octree);
@@ -112,7 +112,7 @@ static void a_right_asset_is_published_under_its_name(void **state)
     assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
     assert_int_not_equal(access(f->path, F_OK), 0); /* not yet */
     const struct umbb_check check = check_of(f);
-    assert_int_equal(umbb_publish_check(&publish, &check, &error), UMB_OK);
+    assert_int_equal(umbb_publish_check(&publish, &f->octree, &check, &error), UMB_OK);
     assert_true(publish.checked.verified.points > 10000);
     assert_int_equal(publish.checked.verified.outside_band, 0);
     assert_int_equal(umbb_publish_commit(&publish, &error), UMB_OK);
@@ -151,12 +151,101 @@ static void a_wrong_octree_is_found_by_rays_and_not_published(void **state)
     assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
     assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
     const struct umbb_check check = check_of(f);
-    const enum umb_status status = umbb_publish_check(&publish, &check, &error);
+    const enum umb_status status = umbb_publish_check(&publish, &f->octree, &check, &error);
     assert_int_equal(status, UMB_E_INTERNAL);
     assert_int_equal(umbu_exit_code(status), 70);
     assert_non_null(strstr(error.message, "disagree with traced rays"));
     umbb_publish_abandon(&publish);
     assert_int_equal(file_count(f), 0);
+}
+
+/* Changes an octree in one place, or changes it back. In: kind: what; pick: which. Returns 0 if
+ * there is nothing of this kind. */
+static int change(struct umb__octree *octree, uint64_t kind, uint64_t pick)
+{
+    struct umb__octree_level *level = &octree->level[UMB_LEVEL_BRICK + 1 + pick % 4];
+    const uint32_t node = level->count > 0 ? (uint32_t)(pick >> 8) % level->count : 0;
+    const unsigned child = (unsigned)(pick >> 4) % 8;
+    switch (kind) {
+    case 0: /* a voxel */
+        octree->bricks[(pick >> 16) % octree->brick_count][pick & 7] ^= (uint64_t)1
+                                                                        << (pick >> 8 & 63);
+        return 1;
+    case 1: /* a uniform child */
+        if (level->count == 0 || umb__mask_state(level->masks[node], child) == UMB__NODE_MIXED) {
+            return 0;
+        }
+        level->masks[node] ^= (uint16_t)(1U << (2 * child));
+        return 1;
+    case 2: { /* two children change places */
+        const uint32_t count = level->count > 0 ? level->first[level->count] : 0;
+        const uint32_t a = count > 1 ? (uint32_t)(pick >> 8) % (count - 1) : 0;
+        if (count < 2 || level->children[a] == level->children[a + 1]) {
+            return 0;
+        }
+        const uint32_t kept = level->children[a];
+        level->children[a] = level->children[a + 1];
+        level->children[a + 1] = kept;
+        return 1;
+    }
+    default: /* the number of nodes */
+        octree->level[LOG2_SIZE].count ^= 2;
+        return 1;
+    }
+}
+
+static void a_file_that_is_not_of_the_octree_is_found(void **state)
+{
+    struct fixture *f = *state;
+    struct umbb_publish publish;
+    struct umb_error error;
+    const struct umbb_check check = check_of(f);
+    int tried[4] = {0};
+    assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
+    publish.threads = 2;
+    assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
+    for (int i = 0; i < 1000; i++) {
+        const uint64_t bits = soup_bits(&f->soup), kind = bits % 4, pick = bits >> 4;
+        if (change(&f->octree, kind, pick)) {
+            tried[kind]++;
+            assert_int_equal(umbb_publish_check(&publish, &f->octree, &check, &error),
+                             UMB_E_INTERNAL);
+            assert_true(change(&f->octree, kind, pick));
+        }
+    }
+    for (int kind = 0; kind < 4; kind++) {
+        assert_true(tried[kind] > 50);
+    }
+    assert_int_equal(umbb_publish_check(&publish, &f->octree, &check, &error), UMB_OK);
+    umbb_publish_abandon(&publish);
+}
+
+static void a_file_with_one_wrong_bit_is_found(void **state)
+{
+    struct fixture *f = *state;
+    struct umbb_publish publish;
+    struct umb_error error;
+    const struct umbb_check check = check_of(f);
+    assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
+    assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
+    FILE *file = fopen(publish.file.temporary, "r+b");
+    assert_non_null(file);
+    for (int i = 0; i < 1000; i++) {
+        const uint64_t bits = soup_bits(&f->soup);
+        const long at = (long)((bits >> 8) % publish.bytes);
+        for (int back = 0; back < 2; back++) {
+            assert_int_equal(fseek(file, at, SEEK_SET), 0);
+            const int byte = fgetc(file);
+            assert_int_equal(fseek(file, at, SEEK_SET), 0);
+            assert_true(fputc(byte ^ (1 << (bits & 7)), file) != EOF && fflush(file) == 0);
+            if (back == 0 && umbb_publish_check(&publish, &f->octree, &check, &error) == UMB_OK) {
+                fail_msg("byte %ld was changed, and nothing was found", at);
+            }
+        }
+    }
+    fclose(file);
+    assert_int_equal(umbb_publish_check(&publish, &f->octree, &check, &error), UMB_OK);
+    umbb_publish_abandon(&publish);
 }
 
 /* The file is right: memory to check it is missing. */
@@ -169,7 +258,7 @@ static void a_check_that_lacks_memory_asks_for_more(void **state)
     check.max_memory_bytes = 10000;
     assert_int_equal(umbb_publish_begin(&publish, f->path, &error), UMB_OK);
     assert_int_equal(umbb_publish_write(&publish, &f->content, &f->octree, &error), UMB_OK);
-    const enum umb_status status = umbb_publish_check(&publish, &check, &error);
+    const enum umb_status status = umbb_publish_check(&publish, &f->octree, &check, &error);
     assert_int_equal(status, UMB_E_LIMIT);
     assert_int_equal(umbu_exit_code(status), 75);
     assert_non_null(strstr(error.message, "--memory"));
@@ -237,6 +326,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_right_asset_is_published_under_its_name, setup, teardown),
         cmocka_unit_test_setup_teardown(a_wrong_octree_is_found_by_rays_and_not_published, setup,
                                         teardown),
+        cmocka_unit_test_setup_teardown(a_file_that_is_not_of_the_octree_is_found, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_file_with_one_wrong_bit_is_found, setup, teardown),
         cmocka_unit_test_setup_teardown(a_check_that_lacks_memory_asks_for_more, setup, teardown),
         cmocka_unit_test_setup_teardown(
             equal_bakes_have_equal_ids_whatever_the_tiles_threads_and_notes, setup, teardown),

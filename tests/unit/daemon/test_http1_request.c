@@ -10,18 +10,18 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "daemon/transport/http1_request.h"
+#include "net/http1_request.h"
 
-static struct umbd_http1_request parse(const char *head)
+static struct umbn_http1_request parse(const char *head)
 {
-    struct umbd_http1_request request;
-    umbd_http1_parse((const uint8_t *)head, strlen(head), &request);
+    struct umbn_http1_request request;
+    umbn_http1_parse((const uint8_t *)head, strlen(head), &request);
     return request;
 }
 
-static void assert_text(struct umbd_http1_text text, const char *expected)
+static void assert_text(struct umbn_http1_text text, const char *expected)
 {
-    if (!umbd_http1_is(text, expected)) {
+    if (!umbn_http1_is(text, expected)) {
         fail_msg("'%.*s' is not '%s'", (int)text.size, text.bytes != NULL ? text.bytes : "",
                  expected);
     }
@@ -30,12 +30,12 @@ static void assert_text(struct umbd_http1_text text, const char *expected)
 static void a_request_is_read_with_its_fields(void **state)
 {
     (void)state;
-    struct umbd_http1_request request = parse(
+    struct umbn_http1_request request = parse(
         "GET /assets/a.umb?x=/y HTTP/1.1\r\nhOST:localhost:80 \r\nRange: \tbytes=0-1\t\r\n"
         "If-Range: \"a\"\r\nIf-None-Match: W/\"b\", \"c\"\r\nIf-Match:*\r\nOrigin: https://x\r\n"
         "Authorization: Bearer t\r\nContent-Length: 0\r\nX-Other: \xFF\r\nEmpty:\r\n\r\n");
     assert_int_equal(request.refusal, 0);
-    assert_int_equal(request.method, UMBD_HTTP1_GET);
+    assert_int_equal(request.method, UMBN_HTTP1_GET);
     assert_int_equal(request.keeps_open, 1);
     assert_text(request.path, "/assets/a.umb");
     assert_text(request.host, "localhost:80");
@@ -50,9 +50,9 @@ static void a_request_is_read_with_its_fields(void **state)
 static void methods_and_targets_have_their_forms(void **state)
 {
     (void)state;
-    assert_int_equal(parse("HEAD / HTTP/1.1\r\nHost:\r\n\r\n").method, UMBD_HTTP1_HEAD);
-    assert_int_equal(parse("OPTIONS * HTTP/1.1\r\nHost: h\r\n\r\n").method, UMBD_HTTP1_OPTIONS);
-    assert_int_equal(parse("get / HTTP/1.1\r\nHost: h\r\n\r\n").method, UMBD_HTTP1_OTHER);
+    assert_int_equal(parse("HEAD / HTTP/1.1\r\nHost:\r\n\r\n").method, UMBN_HTTP1_HEAD);
+    assert_int_equal(parse("OPTIONS * HTTP/1.1\r\nHost: h\r\n\r\n").method, UMBN_HTTP1_OPTIONS);
+    assert_int_equal(parse("get / HTTP/1.1\r\nHost: h\r\n\r\n").method, UMBN_HTTP1_OTHER);
     assert_text(parse("GET http://h:1/a/b?c HTTP/1.1\r\nHost: h\r\n\r\n").path, "/a/b");
     assert_int_equal(parse("GET * HTTP/1.1\r\nHost: h\r\n\r\n").refusal, 400);
     assert_int_equal(parse("GET http://h HTTP/1.1\r\nHost: h\r\n\r\n").refusal, 400);
@@ -101,7 +101,7 @@ static void what_is_refused_has_its_status(void **state)
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char head[256];
         (void)snprintf(head, sizeof head, "GET / HTTP/1.1\r\nHost: h\r\n%s\r\n", cases[i].fields);
-        const struct umbd_http1_request request = parse(head);
+        const struct umbn_http1_request request = parse(head);
         assert_int_equal(request.refusal, cases[i].status);
         assert_int_equal(request.keeps_open, 0);
         assert_non_null(request.reason);
@@ -110,33 +110,33 @@ static void what_is_refused_has_its_status(void **state)
 
 static void heads_have_limits(void **state)
 {
-    static char head[2 * UMBD_HTTP1_HEAD_BYTES];
-    struct umbd_http1_request request;
+    static char head[2 * UMBN_HTTP1_HEAD_BYTES];
+    struct umbn_http1_request request;
     (void)state;
-    for (int count = UMBD_HTTP1_FIELDS_MAX - 1; count <= UMBD_HTTP1_FIELDS_MAX; count++) {
+    for (int count = UMBN_HTTP1_FIELDS_MAX - 1; count <= UMBN_HTTP1_FIELDS_MAX; count++) {
         int size = snprintf(head, sizeof head, "GET / HTTP/1.1\r\nHost: h\r\n");
         for (int i = 0; i < count; i++) {
             size += snprintf(head + size, sizeof head - (size_t)size, "X: y\r\n");
         }
         (void)snprintf(head + size, sizeof head - (size_t)size, "\r\n");
-        assert_int_equal(parse(head).refusal, count < UMBD_HTTP1_FIELDS_MAX ? 0 : 431);
+        assert_int_equal(parse(head).refusal, count < UMBN_HTTP1_FIELDS_MAX ? 0 : 431);
     }
     static const char begin[] = "GET / HTTP/1.1\r\nHost: h\r\nX: ";
     memset(head, 'a', sizeof head);
     memcpy(head, begin, sizeof begin - 1);
-    memcpy(head + UMBD_HTTP1_HEAD_BYTES - 4, "\r\n\r\n", 4);
-    umbd_http1_parse((const uint8_t *)head, UMBD_HTTP1_HEAD_BYTES, &request);
+    memcpy(head + UMBN_HTTP1_HEAD_BYTES - 4, "\r\n\r\n", 4);
+    umbn_http1_parse((const uint8_t *)head, UMBN_HTTP1_HEAD_BYTES, &request);
     assert_int_equal(request.refusal, 0);
-    memset(head + UMBD_HTTP1_HEAD_BYTES - 4, 'a', 4);
-    memcpy(head + UMBD_HTTP1_HEAD_BYTES - 3, "\r\n\r\n", 4);
-    umbd_http1_parse((const uint8_t *)head, UMBD_HTTP1_HEAD_BYTES + 1, &request);
+    memset(head + UMBN_HTTP1_HEAD_BYTES - 4, 'a', 4);
+    memcpy(head + UMBN_HTTP1_HEAD_BYTES - 3, "\r\n\r\n", 4);
+    umbn_http1_parse((const uint8_t *)head, UMBN_HTTP1_HEAD_BYTES + 1, &request);
     assert_int_equal(request.refusal, 431);
-    assert_int_equal(umbd_http1_refuses_early((const uint8_t *)head, UMBD_HTTP1_HEAD_BYTES), 431);
-    assert_int_equal(umbd_http1_refuses_early((const uint8_t *)head, UMBD_HTTP1_HEAD_BYTES - 1), 0);
+    assert_int_equal(umbn_http1_refuses_early((const uint8_t *)head, UMBN_HTTP1_HEAD_BYTES), 431);
+    assert_int_equal(umbn_http1_refuses_early((const uint8_t *)head, UMBN_HTTP1_HEAD_BYTES - 1), 0);
     memset(head, 'a', sizeof head);
-    assert_int_equal(umbd_http1_refuses_early((const uint8_t *)head, UMBD_HTTP1_HEAD_BYTES), 414);
+    assert_int_equal(umbn_http1_refuses_early((const uint8_t *)head, UMBN_HTTP1_HEAD_BYTES), 414);
     head[0] = '\x16';
-    assert_int_equal(umbd_http1_refuses_early((const uint8_t *)head, 1), 400);
+    assert_int_equal(umbn_http1_refuses_early((const uint8_t *)head, 1), 400);
 }
 
 static void the_end_is_found_wherever_the_bytes_are_split(void **state)
@@ -147,7 +147,7 @@ static void the_end_is_found_wherever_the_bytes_are_split(void **state)
     (void)state;
     for (size_t size = 0; size <= strlen(head); size++) {
         for (size_t seen = 0; seen <= size && seen < expected; seen++) {
-            assert_int_equal(umbd_http1_head_size(bytes, size, seen),
+            assert_int_equal(umbn_http1_head_size(bytes, size, seen),
                              size < expected ? 0 : expected);
         }
     }

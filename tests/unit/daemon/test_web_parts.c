@@ -10,10 +10,11 @@
 #include <string.h>
 
 #include "daemon/service/web_parts.h"
+#include "net/http1_fields.h"
 
-static struct umbd_http1_text text(const char *string)
+static struct umbn_http1_text text(const char *string)
 {
-    return (struct umbd_http1_text){string, strlen(string)};
+    return (struct umbn_http1_text){string, strlen(string)};
 }
 
 static void ranges_are_resolved_against_the_size(void **state)
@@ -21,35 +22,35 @@ static void ranges_are_resolved_against_the_size(void **state)
     static const struct {
         const char *field;
         uint64_t size;
-        enum umbd_ranges_result result;
+        enum umbn_ranges_result result;
         size_t count;
         struct umb_range ranges[3];
     } cases[] = {
-        {"bytes=0-0", 10, UMBD_RANGES_OK, 1, {{0, 1}}},
-        {"BYTES=3-", 10, UMBD_RANGES_OK, 1, {{3, 7}}},
-        {"bytes=-4", 10, UMBD_RANGES_OK, 1, {{6, 4}}},
-        {"bytes=-40", 10, UMBD_RANGES_OK, 1, {{0, 10}}},
-        {"bytes=9-99999999999999999999999", 10, UMBD_RANGES_OK, 1, {{9, 1}}},
-        {"bytes=0-1,\t4-5 ,8-", 10, UMBD_RANGES_OK, 3, {{0, 2}, {4, 2}, {8, 2}}},
-        {"bytes=8-9,0-1", 10, UMBD_RANGES_OK, 2, {{8, 2}, {0, 2}}},
-        {"bytes=0-1,10-11", 10, UMBD_RANGES_OK, 1, {{0, 2}}},
-        {"bytes=0-4,5-9", 10, UMBD_RANGES_OK, 2, {{0, 5}, {5, 5}}},
-        {"bytes=10-", 10, UMBD_RANGES_BEYOND, 0, {{0, 0}}},
-        {"bytes=99999999999999999999-", 10, UMBD_RANGES_BEYOND, 0, {{0, 0}}},
-        {"bytes=-0", 10, UMBD_RANGES_BEYOND, 0, {{0, 0}}},
-        {"bytes=0-", 0, UMBD_RANGES_BEYOND, 0, {{0, 0}}},
-        {"bytes=0-4,4-9", 10, UMBD_RANGES_OVERLAP, 2, {{0, 5}, {4, 6}}},
-        {"bytes=0-,-1", 10, UMBD_RANGES_OVERLAP, 2, {{0, 10}, {9, 1}}},
-        {"pages=0-1", 10, UMBD_RANGES_NONE, 0, {{0, 0}}},
+        {"bytes=0-0", 10, UMBN_RANGES_OK, 1, {{0, 1}}},
+        {"BYTES=3-", 10, UMBN_RANGES_OK, 1, {{3, 7}}},
+        {"bytes=-4", 10, UMBN_RANGES_OK, 1, {{6, 4}}},
+        {"bytes=-40", 10, UMBN_RANGES_OK, 1, {{0, 10}}},
+        {"bytes=9-99999999999999999999999", 10, UMBN_RANGES_OK, 1, {{9, 1}}},
+        {"bytes=0-1,\t4-5 ,8-", 10, UMBN_RANGES_OK, 3, {{0, 2}, {4, 2}, {8, 2}}},
+        {"bytes=8-9,0-1", 10, UMBN_RANGES_OK, 2, {{8, 2}, {0, 2}}},
+        {"bytes=0-1,10-11", 10, UMBN_RANGES_OK, 1, {{0, 2}}},
+        {"bytes=0-4,5-9", 10, UMBN_RANGES_OK, 2, {{0, 5}, {5, 5}}},
+        {"bytes=10-", 10, UMBN_RANGES_BEYOND, 0, {{0, 0}}},
+        {"bytes=99999999999999999999-", 10, UMBN_RANGES_BEYOND, 0, {{0, 0}}},
+        {"bytes=-0", 10, UMBN_RANGES_BEYOND, 0, {{0, 0}}},
+        {"bytes=0-", 0, UMBN_RANGES_BEYOND, 0, {{0, 0}}},
+        {"bytes=0-4,4-9", 10, UMBN_RANGES_OVERLAP, 2, {{0, 5}, {4, 6}}},
+        {"bytes=0-,-1", 10, UMBN_RANGES_OVERLAP, 2, {{0, 10}, {9, 1}}},
+        {"pages=0-1", 10, UMBN_RANGES_NONE, 0, {{0, 0}}},
     };
     static const char *const malformed[] = {
         "bytes=",     "bytes=-",    "bytes=1", "bytes=a-b", "bytes=2-1",  "bytes=0-1-2",
         "bytes=0-1,", "bytes=,0-1", "bytes",   "bytes 0-1", "bytes=0 -1", "bytes=0-1;2-3"};
-    struct umb_range ranges[UMBD_RANGES_MAX];
+    struct umb_range ranges[UMBN_RANGES_MAX];
     size_t count;
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        assert_int_equal(umbd_ranges_parse(text(cases[i].field), cases[i].size, ranges, &count),
+        assert_int_equal(umbn_ranges_parse(text(cases[i].field), cases[i].size, ranges, &count),
                          cases[i].result);
         assert_int_equal(count, cases[i].count);
         for (size_t k = 0; k < count; k++) {
@@ -58,44 +59,44 @@ static void ranges_are_resolved_against_the_size(void **state)
         }
     }
     for (size_t i = 0; i < sizeof malformed / sizeof malformed[0]; i++) {
-        assert_int_equal(umbd_ranges_parse(text(malformed[i]), 10, ranges, &count),
-                         UMBD_RANGES_MALFORMED);
+        assert_int_equal(umbn_ranges_parse(text(malformed[i]), 10, ranges, &count),
+                         UMBN_RANGES_MALFORMED);
     }
 }
 
 static void ranges_are_limited_in_number(void **state)
 {
     char field[4096] = "bytes=";
-    struct umb_range ranges[UMBD_RANGES_MAX];
+    struct umb_range ranges[UMBN_RANGES_MAX];
     size_t count;
     size_t size = strlen(field);
     (void)state;
-    for (unsigned i = 0; i < UMBD_RANGES_MAX; i++) {
+    for (unsigned i = 0; i < UMBN_RANGES_MAX; i++) {
         size += (size_t)snprintf(field + size, sizeof field - size, "%s%u-%u", i > 0 ? "," : "",
                                  2 * i, 2 * i);
     }
-    assert_int_equal(umbd_ranges_parse(text(field), 1000, ranges, &count), UMBD_RANGES_OK);
-    assert_int_equal(count, UMBD_RANGES_MAX);
+    assert_int_equal(umbn_ranges_parse(text(field), 1000, ranges, &count), UMBN_RANGES_OK);
+    assert_int_equal(count, UMBN_RANGES_MAX);
     (void)snprintf(field + size, sizeof field - size, ",999-");
-    assert_int_equal(umbd_ranges_parse(text(field), 1000, ranges, &count), UMBD_RANGES_TOO_MANY);
+    assert_int_equal(umbn_ranges_parse(text(field), 1000, ranges, &count), UMBN_RANGES_TOO_MANY);
     /* Ranges that have no byte of the file are counted too. */
-    assert_int_equal(umbd_ranges_parse(text(field), 1, ranges, &count), UMBD_RANGES_TOO_MANY);
+    assert_int_equal(umbn_ranges_parse(text(field), 1, ranges, &count), UMBN_RANGES_TOO_MANY);
 }
 
 static void tags_are_compared_strongly_or_weakly(void **state)
 {
     (void)state;
-    assert_int_equal(umbd_tags_have(text("\"a\""), "\"a\"", 0), 1);
-    assert_int_equal(umbd_tags_have(text("\"b\" , \"a\""), "\"a\"", 0), 1);
-    assert_int_equal(umbd_tags_have(text("W/\"a\""), "\"a\"", 0), 0);
-    assert_int_equal(umbd_tags_have(text("W/\"a\""), "\"a\"", 1), 1);
-    assert_int_equal(umbd_tags_have(text("*"), "\"a\"", 0), 1);
-    assert_int_equal(umbd_tags_have(text("\"b, \"a\""), "\"a\"", 1), 0);
-    assert_int_equal(umbd_tags_have(text("\"b,\", \"a\""), "\"a\"", 1), 1);
-    assert_int_equal(umbd_tags_have(text("a"), "\"a\"", 1), 0);
-    assert_int_equal(umbd_tags_have(text("\"a"), "\"a\"", 1), 0);
-    assert_int_equal(umbd_tags_have(text(""), "\"a\"", 1), 0);
-    assert_int_equal(umbd_tags_have(text("\"b\", *"), "\"a\"", 1), 0);
+    assert_int_equal(umbn_tags_have(text("\"a\""), "\"a\"", 0), 1);
+    assert_int_equal(umbn_tags_have(text("\"b\" , \"a\""), "\"a\"", 0), 1);
+    assert_int_equal(umbn_tags_have(text("W/\"a\""), "\"a\"", 0), 0);
+    assert_int_equal(umbn_tags_have(text("W/\"a\""), "\"a\"", 1), 1);
+    assert_int_equal(umbn_tags_have(text("*"), "\"a\"", 0), 1);
+    assert_int_equal(umbn_tags_have(text("\"b, \"a\""), "\"a\"", 1), 0);
+    assert_int_equal(umbn_tags_have(text("\"b,\", \"a\""), "\"a\"", 1), 1);
+    assert_int_equal(umbn_tags_have(text("a"), "\"a\"", 1), 0);
+    assert_int_equal(umbn_tags_have(text("\"a"), "\"a\"", 1), 0);
+    assert_int_equal(umbn_tags_have(text(""), "\"a\"", 1), 0);
+    assert_int_equal(umbn_tags_have(text("\"b\", *"), "\"a\"", 1), 0);
 }
 
 #define ID "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* See http1_request.h. */
-#include "daemon/transport/http1_request.h"
+#include "net/http1_request.h"
 
 #include <string.h>
 #include <strings.h>
@@ -29,19 +29,19 @@ static int is_value_byte(char c)
     return is_visible(c) || c == ' ' || c == '\t' || ((unsigned char)c & 0x80) != 0;
 }
 
-int umbd_http1_is(struct umbd_http1_text text, const char *string)
+int umbn_http1_is(struct umbn_http1_text text, const char *string)
 {
     return text.bytes != NULL && text.size == strlen(string) &&
            memcmp(text.bytes, string, text.size) == 0;
 }
 
 /* The same without regard to case. */
-static int is_name(struct umbd_http1_text text, const char *string)
+static int is_name(struct umbn_http1_text text, const char *string)
 {
     return text.size == strlen(string) && strncasecmp(text.bytes, string, text.size) == 0;
 }
 
-size_t umbd_http1_head_size(const uint8_t *bytes, size_t size, size_t seen)
+size_t umbn_http1_head_size(const uint8_t *bytes, size_t size, size_t seen)
 {
     size_t from = seen > 3 ? seen - 3 : 0; /* the end may have begun in the searched bytes */
     for (; from + 4 <= size; from++) {
@@ -57,18 +57,18 @@ size_t umbd_http1_head_size(const uint8_t *bytes, size_t size, size_t seen)
     return 0;
 }
 
-int umbd_http1_refuses_early(const uint8_t *bytes, size_t size)
+int umbn_http1_refuses_early(const uint8_t *bytes, size_t size)
 {
     if (size > 0 && !is_token_byte((char)bytes[0])) {
         return 400;
     }
-    if (size < UMBD_HTTP1_HEAD_BYTES) {
+    if (size < UMBN_HTTP1_HEAD_BYTES) {
         return 0;
     }
     return memchr(bytes, '\n', size) == NULL ? 414 : 431;
 }
 
-void umbd_http1_refuse(struct umbd_http1_request *request, int status)
+void umbn_http1_refuse(struct umbn_http1_request *request, int status)
 {
     static const struct {
         int status;
@@ -92,19 +92,19 @@ void umbd_http1_refuse(struct umbd_http1_request *request, int status)
 }
 
 /* Takes the bytes up to a separator, which is skipped. Returns 0 if it does not come. */
-static int take_until(struct cursor *cursor, char separator, struct umbd_http1_text *text)
+static int take_until(struct cursor *cursor, char separator, struct umbn_http1_text *text)
 {
     const char *found = memchr(cursor->at, separator, (size_t)(cursor->end - cursor->at));
     if (found == NULL) {
         return 0;
     }
-    *text = (struct umbd_http1_text){cursor->at, (size_t)(found - cursor->at)};
+    *text = (struct umbn_http1_text){cursor->at, (size_t)(found - cursor->at)};
     cursor->at = found + 1;
     return 1;
 }
 
 /* Takes a line without its end, which must be CR LF. */
-static int take_line(struct cursor *cursor, struct umbd_http1_text *line)
+static int take_line(struct cursor *cursor, struct umbn_http1_text *line)
 {
     if (!take_until(cursor, '\n', line) || line->size == 0 || line->bytes[line->size - 1] != '\r') {
         return 0;
@@ -113,7 +113,7 @@ static int take_line(struct cursor *cursor, struct umbd_http1_text *line)
     return 1;
 }
 
-static int all(struct umbd_http1_text text, int (*is)(char c))
+static int all(struct umbn_http1_text text, int (*is)(char c))
 {
     size_t i = 0;
     while (i < text.size && is(text.bytes[i])) {
@@ -122,16 +122,16 @@ static int all(struct umbd_http1_text text, int (*is)(char c))
     return i == text.size;
 }
 
-static enum umbd_http1_method method_of(struct umbd_http1_text name)
+static enum umbn_http1_method method_of(struct umbn_http1_text name)
 {
-    return umbd_http1_is(name, "GET")       ? UMBD_HTTP1_GET
-           : umbd_http1_is(name, "HEAD")    ? UMBD_HTTP1_HEAD
-           : umbd_http1_is(name, "OPTIONS") ? UMBD_HTTP1_OPTIONS
-                                            : UMBD_HTTP1_OTHER;
+    return umbn_http1_is(name, "GET")       ? UMBN_HTTP1_GET
+           : umbn_http1_is(name, "HEAD")    ? UMBN_HTTP1_HEAD
+           : umbn_http1_is(name, "OPTIONS") ? UMBN_HTTP1_OPTIONS
+                                            : UMBN_HTTP1_OTHER;
 }
 
 /* Skips SCHEME://AUTHORITY of a target in absolute form, which proxies send. */
-static void skip_authority(struct umbd_http1_text *target)
+static void skip_authority(struct umbn_http1_text *target)
 {
     static const char *const schemes[] = {"http://", "https://"};
     for (size_t i = 0; i < sizeof schemes / sizeof schemes[0]; i++) {
@@ -147,24 +147,24 @@ static void skip_authority(struct umbd_http1_text *target)
 }
 
 /* METHOD SP TARGET SP VERSION. Returns 0, or the status of a refusal. */
-static int parse_request_line(struct umbd_http1_text line, struct umbd_http1_request *request)
+static int parse_request_line(struct umbn_http1_text line, struct umbn_http1_request *request)
 {
     struct cursor cursor = {line.bytes, line.bytes + line.size};
-    struct umbd_http1_text name, target;
+    struct umbn_http1_text name, target;
     if (!take_until(&cursor, ' ', &name) || name.size == 0 || !all(name, is_token_byte) ||
         !take_until(&cursor, ' ', &target) || target.size == 0 || !all(target, is_visible)) {
         return 400;
     }
-    const struct umbd_http1_text version = {cursor.at, (size_t)(cursor.end - cursor.at)};
+    const struct umbn_http1_text version = {cursor.at, (size_t)(cursor.end - cursor.at)};
     if (version.size < 5 || memcmp(version.bytes, "HTTP/", 5) != 0) {
         return 400;
     }
-    request->keeps_open = umbd_http1_is(version, "HTTP/1.1");
-    if (!request->keeps_open && !umbd_http1_is(version, "HTTP/1.0")) {
+    request->keeps_open = umbn_http1_is(version, "HTTP/1.1");
+    if (!request->keeps_open && !umbn_http1_is(version, "HTTP/1.0")) {
         return 505;
     }
     request->method = method_of(name);
-    if (request->method == UMBD_HTTP1_OPTIONS && umbd_http1_is(target, "*")) {
+    if (request->method == UMBN_HTTP1_OPTIONS && umbn_http1_is(target, "*")) {
         request->path = target;
         return 0;
     }
@@ -180,19 +180,19 @@ static int parse_request_line(struct umbd_http1_text line, struct umbd_http1_req
 
 /* State of the header fields. */
 struct fields {
-    struct umbd_http1_request *request;
+    struct umbn_http1_request *request;
     size_t count;
     int has_length;
 };
 
 /* Returns true if a list of words with commas has a word. */
-static int lists(struct umbd_http1_text value, const char *word)
+static int lists(struct umbn_http1_text value, const char *word)
 {
     struct cursor cursor = {value.bytes, value.bytes + value.size};
     while (cursor.at < cursor.end) {
-        struct umbd_http1_text item;
+        struct umbn_http1_text item;
         if (!take_until(&cursor, ',', &item)) {
-            item = (struct umbd_http1_text){cursor.at, (size_t)(cursor.end - cursor.at)};
+            item = (struct umbn_http1_text){cursor.at, (size_t)(cursor.end - cursor.at)};
             cursor.at = cursor.end;
         }
         while (item.size > 0 && strchr(" \t", item.bytes[0]) != NULL) {
@@ -213,8 +213,8 @@ static int lists(struct umbd_http1_text value, const char *word)
  * Fields that tell the length of a body. A length of 0 is no body. Every other form is refused, and
  * the connection with it, so that no byte of a body is taken for the next request.
  */
-static int take_framing(struct fields *fields, struct umbd_http1_text name,
-                        struct umbd_http1_text value)
+static int take_framing(struct fields *fields, struct umbn_http1_text name,
+                        struct umbn_http1_text value)
 {
     if (is_name(name, "transfer-encoding")) {
         return 501;
@@ -231,17 +231,17 @@ static int take_framing(struct fields *fields, struct umbd_http1_text name,
             return 400;
         }
     }
-    return umbd_http1_is(value, "0") ? 0 : 413;
+    return umbn_http1_is(value, "0") ? 0 : 413;
 }
 
 /* Keeps a field that the daemon reads. A second one is refused. */
-static int take_field(struct fields *fields, struct umbd_http1_text name,
-                      struct umbd_http1_text value)
+static int take_field(struct fields *fields, struct umbn_http1_text name,
+                      struct umbn_http1_text value)
 {
-    struct umbd_http1_request *request = fields->request;
+    struct umbn_http1_request *request = fields->request;
     const struct {
         const char *name;
-        struct umbd_http1_text *place;
+        struct umbn_http1_text *place;
     } known[] = {
         {"host", &request->host},         {"authorization", &request->authorization},
         {"range", &request->range},       {"if-range", &request->if_range},
@@ -264,17 +264,17 @@ static int take_field(struct fields *fields, struct umbd_http1_text name,
 
 /* NAME ":" OWS VALUE OWS. A line that begins with a blank would continue the line before it, which
  * is refused: so is a blank before the colon. */
-static int parse_field(struct fields *fields, struct umbd_http1_text line)
+static int parse_field(struct fields *fields, struct umbn_http1_text line)
 {
     struct cursor cursor = {line.bytes, line.bytes + line.size};
-    struct umbd_http1_text name;
-    if (++fields->count > UMBD_HTTP1_FIELDS_MAX) {
+    struct umbn_http1_text name;
+    if (++fields->count > UMBN_HTTP1_FIELDS_MAX) {
         return 431;
     }
     if (!take_until(&cursor, ':', &name) || name.size == 0 || !all(name, is_token_byte)) {
         return 400;
     }
-    struct umbd_http1_text value = {cursor.at, (size_t)(cursor.end - cursor.at)};
+    struct umbn_http1_text value = {cursor.at, (size_t)(cursor.end - cursor.at)};
     if (!all(value, is_value_byte)) {
         return 400;
     }
@@ -289,11 +289,11 @@ static int parse_field(struct fields *fields, struct umbd_http1_text line)
     return take_field(fields, name, value);
 }
 
-static int parse_head(const uint8_t *head, size_t size, struct umbd_http1_request *request)
+static int parse_head(const uint8_t *head, size_t size, struct umbn_http1_request *request)
 {
     struct cursor cursor = {(const char *)head, (const char *)head + size};
     struct fields fields = {.request = request};
-    struct umbd_http1_text line;
+    struct umbn_http1_text line;
     int refusal = take_line(&cursor, &line) ? parse_request_line(line, request) : 400;
     const int is_current = request->keeps_open;
     while (refusal == 0) {
@@ -309,13 +309,13 @@ static int parse_head(const uint8_t *head, size_t size, struct umbd_http1_reques
     return refusal;
 }
 
-void umbd_http1_parse(const uint8_t *head, size_t size, struct umbd_http1_request *request)
+void umbn_http1_parse(const uint8_t *head, size_t size, struct umbn_http1_request *request)
 {
     memset(request, 0, sizeof *request);
-    request->method = UMBD_HTTP1_OTHER;
-    const int refusal = size <= UMBD_HTTP1_HEAD_BYTES ? parse_head(head, size, request)
-                                                      : umbd_http1_refuses_early(head, size);
+    request->method = UMBN_HTTP1_OTHER;
+    const int refusal = size <= UMBN_HTTP1_HEAD_BYTES ? parse_head(head, size, request)
+                                                      : umbn_http1_refuses_early(head, size);
     if (refusal != 0) {
-        umbd_http1_refuse(request, refusal);
+        umbn_http1_refuse(request, refusal);
     }
 }

@@ -1,0 +1,389 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See cli_view_server.h. Each connection has a thread, which waits for its peer alone. */
+#include "cli_view_server.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <poll.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <unistd.h>
+
+#include "net/http1_fields.h"
+#include "tool/clock.h"
+
+#define CONNECTIONS_MAX 32
+#define HEAD_S          10.0
+#define SEND_S          30
+#define LINGER_S        1.0
+#define LINGER_BYTES    ((size_t)64 << 10)
+#define PIECE_BYTES     ((size_t)256 << 10)
+#define FIELDS_BYTES    512
+#define PATH_BYTES      UMBN_HTTP1_HEAD_BYTES
+
+struct server {
+    struct umbc_view_site *site;
+    atomic_uint connections;
+};
+
+struct connection {
+    struct server *server;
+    int socket;
+    size_t size;    /* Bytes received that are no request yet */
+    uint8_t *piece; /* [PIECE_BYTES] */
+    uint8_t head[UMBN_HTTP1_HEAD_BYTES];
+};
+
+/* What a reply has beside its body. */
+struct reply {
+    int status;
+    const char *type;
+    uint64_t first, length, size; /* Bytes of the body; of the whole file */
+    bool is_head, keeps_open;
+    const char *cache;
+};
+
+/* Waits until the peer has sent something. Returns false at the time stop_s. */
+static bool wait_for(int socket, double stop_s)
+{
+    for (;;) {
+        const double left = stop_s - umbu_clock_s();
+        struct pollfd event = {.fd = socket, .events = POLLIN};
+        const int count = left > 0 ? poll(&event, 1, (int)(1e3 * left) + 1) : 0;
+        if (count > 0 || (count == 0 && left <= 0)) {
+            return count > 0;
+        }
+        if (count < 0 && errno != EINTR) {
+            return false;
+        }
+    }
+}
+
+/* Sends all bytes. */
+static bool send_all(int socket, const void *bytes, size_t size)
+{
+    const char *at = bytes;
+    while (size > 0) {
+        const ssize_t sent = send(socket, at, size, MSG_NOSIGNAL);
+        if (sent < 0 && errno == EINTR) {
+            continue;
+        }
+        if (sent <= 0) {
+            return false;
+        }
+        at += sent;
+        size -= (size_t)sent;
+    }
+    return true;
+}
+
+/* Sends a head. Pages of other sites may neither read nor embed what is served, and no frame may
+ * hold the viewer. */
+static bool send_head(int socket, const struct reply *reply)
+{
+    char text[1024], range[96] = "";
+    if (reply->status == 206) {
+        (void)snprintf(range, sizeof range, "Content-Range: bytes %llu-%llu/%llu\r\n",
+                       (unsigned long long)reply->first,
+                       (unsigned long long)(reply->first + reply->length - 1),
+                       (unsigned long long)reply->size);
+    } else if (reply->status == 416) {
+        (void)snprintf(range, sizeof range, "Content-Range: bytes */%llu\r\n",
+                       (unsigned long long)reply->size);
+    }
+    const int length =
+        snprintf(text, sizeof text,
+                 "HTTP/1.1 %d %s\r\nContent-Type: %s\r\nContent-Length: %llu\r\n%s%s"
+                 "Cache-Control: %s\r\nAccept-Ranges: bytes\r\nX-Content-Type-Options: nosniff\r\n"
+                 "Cross-Origin-Resource-Policy: same-origin\r\nX-Frame-Options: DENY\r\n"
+                 "Referrer-Policy: no-referrer\r\n%s\r\n",
+                 reply->status, umbn_http1_reason(reply->status), reply->type,
+                 (unsigned long long)reply->length, range,
+                 reply->status == 405 ? "Allow: GET, HEAD\r\n" : "", reply->cache,
+                 reply->keeps_open ? "" : "Connection: close\r\n");
+    return send_all(socket, text, (size_t)length);
+}
+
+/* Refuses a request with a sentence. */
+static bool refuse(const struct connection *connection, struct reply *reply, int status,
+                   const char *sentence)
+{
+    char text[256];
+    const int length = snprintf(text, sizeof text, "%s\n", sentence);
+    reply->status = status;
+    reply->type = "text/plain; charset=utf-8";
+    reply->cache = "no-store";
+    reply->length = (uint64_t)length;
+    return send_head(connection->socket, reply) &&
+           (reply->is_head || send_all(connection->socket, text, (size_t)length));
+}
+
+static int hex_digit(char c)
+{
+    return c >= '0' && c <= '9'   ? c - '0'
+           : c >= 'a' && c <= 'f' ? c - 'a' + 10
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
+}
+
+/* Decodes a path without its first slash; "/" is the page. Returns false if it is malformed. */
+static bool decode_path(struct umbn_http1_text path, char out[PATH_BYTES])
+{
+    size_t to = 0;
+    for (size_t i = 1; i < path.size; i++) {
+        char c = path.bytes[i];
+        if (c == '%') {
+            const int high = i + 2 < path.size ? hex_digit(path.bytes[i + 1]) : -1;
+            const int low = high >= 0 ? hex_digit(path.bytes[i + 2]) : -1;
+            if (low < 0 || (high | low) == 0) {
+                return false;
+            }
+            c = (char)(high * 16 + low);
+            i += 2;
+        }
+        out[to++] = c;
+    }
+    out[to] = '\0';
+    if (to == 0) {
+        memcpy(out, "index.html", sizeof "index.html");
+    }
+    return true;
+}
+
+/* Reads the Range field. Several ranges are answered by the whole file (RFC 9110 allows it). */
+static int choose_range(const struct umbn_http1_request *request, struct reply *reply)
+{
+    struct umb_range ranges[UMBN_RANGES_MAX];
+    size_t count;
+    if (request->range.bytes == NULL || request->if_range.bytes != NULL) {
+        return 200;
+    }
+    switch (umbn_ranges_parse(request->range, reply->size, ranges, &count)) {
+    case UMBN_RANGES_OK:
+        if (count == 1) {
+            reply->first = ranges[0].offset;
+            reply->length = ranges[0].length;
+        }
+        return count == 1 ? 206 : 200;
+    case UMBN_RANGES_NONE:
+        return 200;
+    default:
+        return 416;
+    }
+}
+
+/* Sends the bytes of a body. After its head the only honest end of a failure is to close. */
+static bool send_body(struct connection *connection, struct umbc_view_body *body,
+                      const struct reply *reply)
+{
+    struct umb_error error;
+    for (uint64_t done = 0; done < reply->length;) {
+        const uint64_t left = reply->length - done;
+        const size_t size = left < PIECE_BYTES ? (size_t)left : PIECE_BYTES;
+        if (umbc_view_body_read(body, reply->first + done, connection->piece, size, &error) !=
+            UMB_OK) {
+            (void)fprintf(stderr, "umbrage view: %s\n", error.message);
+            return false;
+        }
+        if (!send_all(connection->socket, connection->piece, size)) {
+            return false;
+        }
+        done += size;
+    }
+    return true;
+}
+
+static bool answer_file(struct connection *connection, const struct umbn_http1_request *request,
+                        const struct umbc_view_file *file, struct reply *reply)
+{
+    struct umbc_view_body body;
+    struct umb_error error;
+    if (umbc_view_body_open(connection->server->site, file, &body, &error) != UMB_OK) {
+        return refuse(connection, reply, 404, "the file cannot be read");
+    }
+    reply->type = umbc_view_type(file);
+    reply->length = reply->size = body.size;
+    /* The asset's name has its id, so its bytes never change. */
+    reply->cache = file->source == NULL && file->bytes == NULL
+                       ? "private, max-age=31536000, immutable"
+                       : "no-cache";
+    reply->status = choose_range(request, reply);
+    const bool sent = reply->status == 416
+                          ? refuse(connection, reply, 416, "Range: has no byte of the file")
+                          : send_head(connection->socket, reply) &&
+                                (reply->is_head || send_body(connection, &body, reply));
+    umbc_view_body_close(&body);
+    return sent;
+}
+
+/* Answers a request. Returns true if another may follow. */
+static bool answer(struct connection *connection, const struct umbn_http1_request *request)
+{
+    char path[PATH_BYTES];
+    struct reply reply = {.is_head = request->method == UMBN_HTTP1_HEAD,
+                          .keeps_open = request->keeps_open};
+    bool sent;
+    if (request->refusal != 0) {
+        sent = refuse(connection, &reply, request->refusal, request->reason);
+    } else if (request->host.bytes == NULL || !umbn_host_is_local(request->host)) {
+        sent = refuse(connection, &reply, 421, "Host: is not this machine");
+    } else if (request->method != UMBN_HTTP1_GET && request->method != UMBN_HTTP1_HEAD) {
+        sent = refuse(connection, &reply, 405, "only GET and HEAD are allowed");
+    } else {
+        const struct umbc_view_file *file =
+            decode_path(request->path, path) ? umbc_view_site_find(connection->server->site, path)
+                                             : NULL;
+        sent = file != NULL ? answer_file(connection, request, file, &reply)
+                            : refuse(connection, &reply, 404, "no such file");
+    }
+    return sent && reply.keeps_open;
+}
+
+/* Receives until a head is complete. Returns its size; 0: the peer left, was too slow, or its head
+ * is refused. Out: refusal: the status of that, or 0. */
+static size_t receive_head(struct connection *connection, int *refusal)
+{
+    const double stop_s = umbu_clock_s() + HEAD_S;
+    size_t seen = 0;
+    *refusal = 0;
+    for (;;) {
+        const size_t end = umbn_http1_head_size(connection->head, connection->size, seen);
+        *refusal = end == 0 ? umbn_http1_refuses_early(connection->head, connection->size) : 0;
+        if (end > 0 || *refusal != 0) {
+            return end;
+        }
+        seen = connection->size;
+        const ssize_t got = wait_for(connection->socket, stop_s)
+                                ? recv(connection->socket, connection->head + seen,
+                                       sizeof connection->head - seen, 0)
+                                : 0;
+        if (got < 0 && errno == EINTR) {
+            continue;
+        }
+        if (got <= 0) {
+            return 0;
+        }
+        connection->size += (size_t)got;
+    }
+}
+
+/* Reads and discards for a while: a close with unread bytes would reset the connection, and the
+ * peer could lose the refusal. */
+static void linger(struct connection *connection)
+{
+    const double stop_s = umbu_clock_s() + LINGER_S;
+    size_t discarded = 0;
+    (void)shutdown(connection->socket, SHUT_WR);
+    while (discarded < LINGER_BYTES && wait_for(connection->socket, stop_s)) {
+        const ssize_t got =
+            recv(connection->socket, connection->head, sizeof connection->head, MSG_DONTWAIT);
+        if (got <= 0) {
+            return;
+        }
+        discarded += (size_t)got;
+    }
+}
+
+static void serve_connection(struct connection *connection)
+{
+    for (bool goes_on = true; goes_on;) {
+        struct umbn_http1_request request;
+        int refusal;
+        const size_t size = receive_head(connection, &refusal);
+        if (refusal != 0) {
+            request = (struct umbn_http1_request){.method = UMBN_HTTP1_OTHER};
+            umbn_http1_refuse(&request, refusal);
+        } else if (size == 0) {
+            return;
+        } else {
+            umbn_http1_parse(connection->head, size, &request);
+        }
+        goes_on = answer(connection, &request);
+        connection->size -= size;
+        memmove(connection->head, connection->head + size, connection->size);
+    }
+    linger(connection);
+}
+
+static void close_connection(struct connection *connection)
+{
+    (void)close(connection->socket);
+    atomic_fetch_sub(&connection->server->connections, 1);
+    free(connection->piece);
+    free(connection);
+}
+
+static void *run_connection(void *user)
+{
+    serve_connection(user);
+    close_connection(user);
+    return NULL;
+}
+
+/* Starts a thread for a connection, or closes it. */
+static void start(struct server *server, int socket)
+{
+    static const struct timeval patience = {.tv_sec = SEND_S};
+    pthread_t thread;
+    struct connection *connection = calloc(1, sizeof *connection);
+    uint8_t *piece = malloc(PIECE_BYTES);
+    if (connection == NULL || piece == NULL ||
+        atomic_load(&server->connections) >= CONNECTIONS_MAX) {
+        free(connection);
+        free(piece);
+        (void)close(socket);
+        return;
+    }
+    connection->server = server;
+    connection->socket = socket;
+    connection->piece = piece;
+    atomic_fetch_add(&server->connections, 1);
+    (void)setsockopt(socket, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+    if (pthread_create(&thread, NULL, run_connection, connection) != 0) {
+        close_connection(connection);
+        return;
+    }
+    (void)pthread_detach(thread);
+}
+
+enum umb_status umbc_view_listen(unsigned *port, int *listener, struct umb_error *error)
+{
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_port = htons((uint16_t)*port)};
+    socklen_t size = sizeof address;
+    const int on = 1;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    *listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (*listener < 0 || setsockopt(*listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
+        bind(*listener, (const struct sockaddr *)&address, sizeof address) != 0 ||
+        listen(*listener, CONNECTIONS_MAX) != 0 ||
+        getsockname(*listener, (struct sockaddr *)&address, &size) != 0) {
+        const int code = errno;
+        if (*listener >= 0) {
+            (void)close(*listener);
+        }
+        return umb_fail_errno(error, UMB_E_UNAVAILABLE, code,
+                              "--port: cannot listen on 127.0.0.1:%u", *port);
+    }
+    *port = ntohs(address.sin_port);
+    return UMB_OK;
+}
+
+enum umb_status umbc_view_serve(int listener, struct umbc_view_site *site, struct umb_error *error)
+{
+    struct server server = {.site = site};
+    for (;;) {
+        const int socket = accept(listener, NULL, NULL);
+        if (socket >= 0) {
+            start(&server, socket);
+        } else if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
+            (void)poll(NULL, 0, 100); /* until a connection has ended */
+        } else if (errno != EINTR && errno != ECONNABORTED && errno != EAGAIN && errno != EPROTO) {
+            return umb_fail_errno(error, UMB_E_IO, errno, "view: cannot accept connections");
+        }
+    }
+}

@@ -1,0 +1,204 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* See cli_view_site.h. */
+#include "cli_view_site.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "tool/tool_try.h"
+
+/* Bytes that a source gives for one range. */
+struct part {
+    uint8_t *bytes; /* [size] */
+    size_t size, got;
+};
+
+static enum umb_status take_part(void *user, size_t index, const void *bytes, size_t size)
+{
+    struct part *part = user;
+    (void)index;
+    part->got = size < part->size ? size : part->size;
+    memcpy(part->bytes, bytes, part->got);
+    return UMB_OK;
+}
+
+/* Reads a part by the reader of pieces that a source without `read` has. */
+static enum umb_status read_pieces(const struct umb_region_source *asset, uint64_t offset,
+                                   struct part *part, struct umb_error *error)
+{
+    size_t got = 1;
+    while (part->got < part->size && got > 0) {
+        UMB__TRY(asset->read_at(asset->user, offset + part->got, part->bytes + part->got,
+                                part->size - part->got, &got, error));
+        part->got += got;
+    }
+    return UMB_OK;
+}
+
+/* Reads bytes of the asset. A source answers one thread at a time. */
+static enum umb_status read_asset(struct umbc_view_site *site, uint64_t offset, uint8_t *bytes,
+                                  size_t size, struct umb_error *error)
+{
+    const struct umb_range range = {offset, size};
+    struct part part = {bytes, size, 0};
+    pthread_mutex_lock(&site->lock);
+    const enum umb_status status =
+        site->asset.read != NULL
+            ? site->asset.read(site->asset.user, &range, 1, take_part, &part, error)
+            : read_pieces(&site->asset, offset, &part, error);
+    pthread_mutex_unlock(&site->lock);
+    return status == UMB_OK && part.got < size
+               ? umb_fail(error, UMB_E_TRUNCATED, "asset: ends %zu bytes into a part of %zu",
+                          part.got, size)
+               : status;
+}
+
+enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
+                                     const struct umb_region_source *asset, struct umb_error *error)
+{
+    uint8_t bytes[UMB_FILE_HEAD_BYTES];
+    *site = (struct umbc_view_site){.asset = *asset};
+    if (pthread_mutex_init(&site->lock, NULL) != 0) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "view: out of memory");
+    }
+    UMB__TRY(read_asset(site, 0, bytes, sizeof bytes, error));
+    UMB__TRY(umb_file_read_head(bytes, sizeof bytes, &site->head, error));
+    return site->head.encoding == UMB_ENCODING_PACKED
+               ? UMB_OK
+               : umb_fail(error, UMB_E_UNSUPPORTED,
+                          "asset: is a mapped file; browsers read packed ones (umbrage pack)");
+}
+
+enum umb_status umbc_view_site_add(struct umbc_view_site *site, const char *path,
+                                   const char *source, char *bytes, size_t size,
+                                   struct umb_error *error)
+{
+    struct umbc_view_file file = {.path = strdup(path),
+                                  .bytes = bytes,
+                                  .size = size,
+                                  .source = source ? strdup(source) : NULL};
+    struct umbc_view_file *files = site->count < UMBC_VIEW_FILES_MAX
+                                       ? realloc(site->files, (site->count + 1) * sizeof *files)
+                                       : NULL;
+    if (files != NULL) {
+        site->files = files;
+    }
+    if (files == NULL || file.path == NULL || (source != NULL && file.source == NULL)) {
+        free(file.path);
+        free(file.source);
+        free(bytes);
+        return site->count < UMBC_VIEW_FILES_MAX
+                   ? umb_fail(error, UMB_E_NO_MEMORY, "view: out of memory")
+                   : umb_fail(error, UMB_E_LIMIT, "view: more than %d files", UMBC_VIEW_FILES_MAX);
+    }
+    files[site->count++] = file;
+    return UMB_OK;
+}
+
+void umbc_view_site_finish(struct umbc_view_site *site)
+{
+    for (size_t i = 0; i < site->count; i++) {
+        free(site->files[i].path);
+        free(site->files[i].source);
+        free(site->files[i].bytes);
+    }
+    free(site->files);
+    (void)pthread_mutex_destroy(&site->lock);
+    site->files = NULL;
+    site->count = 0;
+}
+
+const struct umbc_view_file *umbc_view_site_find(const struct umbc_view_site *site,
+                                                 const char *path)
+{
+    for (size_t i = 0; i < site->count; i++) {
+        if (strcmp(site->files[i].path, path) == 0) {
+            return &site->files[i];
+        }
+    }
+    return NULL;
+}
+
+const char *umbc_view_type(const struct umbc_view_file *file)
+{
+    static const struct {
+        const char *ending, *type;
+    } types[] = {
+        {".html", "text/html; charset=utf-8"},
+        {".js", "text/javascript; charset=utf-8"},
+        {".css", "text/css; charset=utf-8"},
+        {".json", "application/json"},
+        {".wasm", "application/wasm"},
+        {".png", "image/png"},
+        {".jpg", "image/jpeg"},
+        {".jpeg", "image/jpeg"},
+        {".webp", "image/webp"},
+    };
+    const size_t length = strlen(file->path);
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
+        const size_t tail = strlen(types[i].ending);
+        if (length > tail && strcasecmp(file->path + length - tail, types[i].ending) == 0) {
+            return types[i].type;
+        }
+    }
+    return "application/octet-stream";
+}
+
+enum umb_status umbc_view_body_open(struct umbc_view_site *site, const struct umbc_view_file *file,
+                                    struct umbc_view_body *body, struct umb_error *error)
+{
+    struct stat info;
+    *body = (struct umbc_view_body){.site = site, .file = file, .fd = -1, .size = file->size};
+    if (file->source == NULL) {
+        body->size = file->bytes != NULL ? file->size : site->head.file_bytes;
+        return UMB_OK;
+    }
+    /* O_NONBLOCK makes the open of a pipe without a writer fail instead of waiting. */
+    body->fd = open(file->source, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (body->fd < 0 || fstat(body->fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+        umbc_view_body_close(body);
+        return umb_fail(error, UMB_E_NO_INPUT, "'%.200s' is not a regular file that can be read",
+                        file->source);
+    }
+    body->size = (uint64_t)info.st_size;
+    return UMB_OK;
+}
+
+enum umb_status umbc_view_body_read(struct umbc_view_body *body, uint64_t offset, uint8_t *bytes,
+                                    size_t size, struct umb_error *error)
+{
+    const struct umbc_view_file *file = body->file;
+    if (file->bytes != NULL) {
+        memcpy(bytes, file->bytes + offset, size);
+        return UMB_OK;
+    }
+    if (file->source == NULL) {
+        return read_asset(body->site, offset, bytes, size, error);
+    }
+    size_t at = 0;
+    while (at < size) {
+        const ssize_t got = pread(body->fd, bytes + at, size - at, (off_t)(offset + at));
+        if (got < 0 && errno == EINTR) {
+            continue;
+        }
+        if (got <= 0) {
+            return umb_fail_errno(error, UMB_E_IO, got < 0 ? errno : EIO, "cannot read '%.200s'",
+                                  file->source);
+        }
+        at += (size_t)got;
+    }
+    return UMB_OK;
+}
+
+void umbc_view_body_close(struct umbc_view_body *body)
+{
+    if (body->fd >= 0) {
+        (void)close(body->fd);
+        body->fd = -1;
+    }
+}

@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One wrong voxel, planted into the octree after an edit: the self-check that inherits finds it in
+ * every tile that was baked again, and a comparison of all squares in every tile that was kept. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "planted_scene.h"
+#include "rays/rays.h"
+#include "rays/verify_squares.h"
+
+#define PLANTS 50 /* under each rule */
+
+/* Bakes and publishes the scene before the edit, so that the cache has its tiles and records. */
+static void bake_before(struct planted *p)
+{
+    struct planted_bake bake;
+    planted_bake(p, &p->before, &bake);
+    assert_int_equal(planted_publish(p, &p->before, &bake), UMB_OK);
+    assert_true(bake.publish.checked.sampled);
+    assert_int_equal(umbb_publish_commit(&bake.publish, &bake.error), UMB_OK);
+    assert_int_equal(umbb_proofs_keep(&bake.proofs, &bake.error), UMB_OK);
+    planted_bake_finish(&bake);
+}
+
+static void it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again(void **state)
+{
+    (void)state;
+    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+        struct planted p;
+        struct soup random;
+        int found = 0;
+        planted_init(&p, closed_rule);
+        soup_init(&random, 1, 801);
+        bake_before(&p);
+        for (int i = 0; i < PLANTS; i++) {
+            struct planted_bake bake;
+            uint32_t at[3];
+            planted_bake(&p, &p.after, &bake);
+            planted_draw(&p, &p.after, &bake, 0, &random, at);
+            planted_plant(&bake.octree, at);
+            found += planted_publish(&p, &p.after, &bake) == UMB_E_INTERNAL &&
+                     strstr(bake.error.message, "disagree with traced rays") != NULL;
+            assert_false(bake.publish.checked.sampled);
+            assert_true(bake.publish.checked.tiles_inherited > 0);
+            umbb_proofs_refuse(&bake.proofs); /* so that the next bake does not find the tile */
+            planted_bake_finish(&bake);
+        }
+        print_message("closed rule %d: %d of %d found\n", closed_rule, found, PLANTS);
+        assert_int_equal(found, PLANTS);
+        planted_finish(&p);
+    }
+}
+
+/* Compares every voxel of the written file with rays, as `umbrage verify --every-voxel` does.
+ * Returns the number of voxels that disagree outside the band. */
+static uint64_t compare_all(const struct planted *p, const struct planted_scene *scene,
+                            const char *file)
+{
+    struct umbr_verify_result result;
+    struct umbr_rays *rays;
+    struct umb_asset *asset;
+    struct umb_error error;
+    const struct umbr_rays_options quick = {.quick = 1, .threads = 1};
+    const struct umbr_verify_options options = {
+        .closed = p->closed_rule ? scene->world.kinds : NULL, .threads = 1};
+    assert_int_equal(umb_asset_open_file(file, NULL, &asset, &error), UMB_OK);
+    assert_int_equal(umbr_rays_build((const double(*)[3][3])scene->world.corners,
+                                     scene->world.count, &quick, &rays, &error),
+                     UMB_OK);
+    assert_int_equal(umbr_verify_voxels(asset, 0, rays, &options, &result, &error), UMB_OK);
+    assert_int_equal(result.records > 0, 1);
+    umbr_rays_destroy(rays);
+    umb_asset_close(asset);
+    return result.outside_band;
+}
+
+static void a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all(void **state)
+{
+    (void)state;
+    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+        struct planted p;
+        struct soup random;
+        int inherited = 0, found = 0;
+        planted_init(&p, closed_rule);
+        soup_init(&random, 1, 802);
+        bake_before(&p);
+        for (int i = 0; i < PLANTS; i++) {
+            struct planted_bake bake;
+            uint32_t at[3];
+            planted_bake(&p, &p.after, &bake);
+            planted_draw(&p, &p.after, &bake, 1, &random, at);
+            planted_plant(&bake.octree, at);
+            inherited += planted_publish(&p, &p.after, &bake) == UMB_OK;
+            found += compare_all(&p, &p.after, bake.publish.file.temporary) > 0;
+            planted_bake_finish(&bake);
+        }
+        print_message("closed rule %d: %d inherited, %d of %d found\n", closed_rule, inherited,
+                      found, PLANTS);
+        assert_int_equal(inherited, PLANTS);
+        assert_int_equal(found, PLANTS);
+        planted_finish(&p);
+    }
+}
+
+/* Without a planted voxel both comparisons agree: what they found was the voxel. */
+static void without_one_both_agree(void **state)
+{
+    (void)state;
+    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+        struct planted p;
+        struct planted_bake bake;
+        planted_init(&p, closed_rule);
+        bake_before(&p);
+        planted_bake(&p, &p.after, &bake);
+        assert_int_equal(planted_publish(&p, &p.after, &bake), UMB_OK);
+        assert_true(bake.publish.checked.squares > 0);
+        assert_int_equal(compare_all(&p, &p.after, bake.publish.file.temporary), 0);
+        planted_bake_finish(&bake);
+        planted_finish(&p);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again),
+        cmocka_unit_test(a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all),
+        cmocka_unit_test(without_one_both_agree),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
