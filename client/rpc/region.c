@@ -17,10 +17,10 @@
 #include "format/layout.h"
 
 enum {
-    FIRST_BYTES = 32 << 10,
+    FIRST_BYTES = 16 << 10,
     ROUND_BYTES_MIN = 512 << 10,
     ROUND_ITEMS_MAX = 4096,
-    BLOCK_BYTES = 4096, /* Most bytes of a directory block */
+    BLOCK_BYTES = 4096, /* Bytes of a directory block with its links, as a round counts them */
 };
 
 struct umb_region {

@@ -10,7 +10,7 @@ WEB_FLAGS := --target=wasm32-wasi -std=c11 -O2 -DNDEBUG -msimd128 -mbulk-memory 
 	-MMD -MP -I$(WEB_DIR)/include -Iclient/include -Iclient/core -Iclient
 # The core without files, processes and wider vectors. What a thin client does not call is left out by the linker.
 WEB_CORE := $(filter-out %_avx2.c %_avx512.c $(addprefix client/core/,base/file_map.c base/page_alloc.c \
-	format/node_pool.c format/pack_write.c query/query_picture.c),\
+	format/node_pool.c format/pack_write.c format/page_compress.c query/query_picture.c),\
 	$(foreach part,base format query curve partial,$(wildcard client/core/$(part)/*.c)))
 WEB_CORE_OBJ := $(WEB_CORE:%.c=$(WEB_DIR)/obj/%.o)
 WEB_OBJ := $(patsubst %.c,$(WEB_DIR)/obj/%.o,$(wildcard client/web/module/*.c))

@@ -18,18 +18,9 @@
 #define GROWTH_MAX 4.0 /* areas */
 
 /* The density is the number of packed bytes for each estimated byte of nodes. DENSITY_TREND: share
- * of its last change that continues at each doubling. REFERENCES: growth of the density, by
- * references to shared nodes, when copies grow e times. */
+ * of its last change that continues at each doubling. */
 #define DENSITY_TREND 0.8
 #define DENSITY_MIN   0.4
-#define REFERENCES    0.06
-
-/* Limit of the growth of the bytes that copies of nodes would add, and the share of that growth
- * that continues at each doubling. */
-#define COPIES_GROWTH_MAX   3.0
-#define COPIES_GROWTH_TREND 0.7
-/* Factor by which the forecast of copies may be wrong, as a logarithm. */
-#define COPIES_DOUBT 0.7
 
 /* Limit of the growth of the ratio of bytes, closed rule to open rule, in a doubling. The closed
  * rule saves about the same share or more at each doubling. */
@@ -109,52 +100,17 @@ double umbb_level_bytes_sum(const struct umbb_costs *costs)
     return fmax(sum, 1.0);
 }
 
-/* Returns the factor by which copies of shared nodes would enlarge the lowest levels' bytes after
- * some doublings. */
-static double copies_after(const struct umbb_growth_samples *samples, uint32_t doublings)
-{
-    const double now = last_of(samples)->copies - 1.0, before = before_of(samples)->copies - 1.0;
-    double growth = fmin(fmax(now / fmax(before, 0.03), 1.0), COPIES_GROWTH_MAX), copies = now;
-    for (uint32_t i = 0; i < doublings; i++) {
-        copies *= growth;
-        growth = 1.0 + (growth - 1.0) * COPIES_GROWTH_TREND;
-    }
-    return 1.0 + copies;
-}
-
-/* Packed bytes without copies, of the open rule. */
-static double bytes_without_copies(const struct umbb_growth_samples *samples, uint32_t doublings)
+/* Packed bytes of one rule: the bytes of a file for each byte of nodes follow their trend. */
+static double packed_bytes(const struct umbb_growth_samples *samples, uint32_t doublings)
 {
     const struct umbb_costs *now = last_of(samples), *before = before_of(samples);
-    const double density = now->once_bytes / umbb_level_bytes_sum(now);
-    double sum = density + REFERENCES * log(copies_after(samples, doublings) / now->copies);
-    double trend = density - before->once_bytes / umbb_level_bytes_sum(before) -
-                   REFERENCES * log(now->copies / before->copies);
+    double sum = now->packed_bytes / umbb_level_bytes_sum(now);
+    double trend = sum - before->packed_bytes / umbb_level_bytes_sum(before);
     for (uint32_t i = 0; i < doublings; i++) {
         trend *= DENSITY_TREND;
         sum += trend;
     }
     return level_bytes(samples, doublings) * fmax(sum, DENSITY_MIN);
-}
-
-/* Returns the bytes of a file whose pages repeat nodes of other pages, from its bytes without such
- * copies. Copies count not at all if the file surely has none, and half if that is open. */
-static double with_copies(const struct umbb_growth_samples *samples, uint32_t doublings,
-                          double bytes)
-{
-    const struct umbb_costs *now = last_of(samples);
-    const double copies = copies_after(samples, doublings);
-    if (now->copies > UMB__COPIES_MAX) {
-        return bytes;
-    }
-    double slope = 0.2; /* share of the copies that compression leaves */
-    if (now->copies > 1.05) {
-        slope = (now->packed_bytes / now->once_bytes - 1.0) / (now->copies - 1.0);
-        slope = fmin(fmax(slope, 0.0), 0.6);
-    }
-    const double doubt = log(fmax(copies - 1.0, 1e-3) / (UMB__COPIES_MAX - 1.0)) / COPIES_DOUBT;
-    const double likely = fmin(fmax(0.5 * (1.0 - doubt), 0.0), 1.0);
-    return bytes * (1.0 + likely * slope * (fmin(copies, UMB__COPIES_MAX) - 1.0));
 }
 
 /* Continues the ratio of closed to open bytes. */
@@ -180,17 +136,16 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
 
 double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings)
 {
-    return with_copies(samples, doublings, bytes_without_copies(samples, doublings));
+    return packed_bytes(samples, doublings);
 }
 
 struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
                                           const struct umbb_growth_samples *closed,
                                           uint32_t doublings)
 {
-    const double bytes = bytes_without_copies(open, doublings);
+    const double bytes = packed_bytes(open, doublings);
     const double ratio =
-        ratio_after(before_of(closed)->once_bytes / before_of(open)->once_bytes,
-                    last_of(closed)->once_bytes / last_of(open)->once_bytes, doublings);
-    return (struct umbb_rule_bytes){with_copies(open, doublings, bytes),
-                                    with_copies(closed, doublings, bytes * ratio)};
+        ratio_after(before_of(closed)->packed_bytes / before_of(open)->packed_bytes,
+                    last_of(closed)->packed_bytes / last_of(open)->packed_bytes, doublings);
+    return (struct umbb_rule_bytes){bytes, bytes * ratio};
 }

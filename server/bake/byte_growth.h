@@ -9,9 +9,7 @@
  * under the closed and the open rule is continued in the same way, because it changes more steadily
  * than the bytes of either. Both forecasts use no function of libm, because ids depend on them.
  *
- * A forecast of packed bytes also continues the bytes of the file for each byte of nodes, and the
- * bytes that copies of shared nodes would add. These decide whether the file has copies
- * (format/content.h).
+ * Packed bytes add the bytes of the file for each byte of nodes, which follow their own trend.
  */
 #include "bake/small_bake.h"
 

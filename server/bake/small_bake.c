@@ -9,7 +9,7 @@
 #include "base/try.h"
 #include "common/sha256.h"
 #include "format/content.h"
-#include "format/pack_walk.h"
+#include "format/pack_survey.h"
 #include "tool/clock.h"
 
 /* Log2 of the largest tile: small tiles save the time that the kernel takes for fresh memory. */
@@ -42,8 +42,7 @@ static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
 
 /* Packs an octree without writing it, for its size. */
 static enum umb_status pack(const struct umbb_small_job *job, const struct umb__octree *octree,
-                            int never_copies, double *bytes, struct umb__pack_figures *figures,
-                            struct umb_error *error)
+                            double *bytes, struct umb_error *error)
 {
     static char nothing[] = "";
     const struct umb__content content = {
@@ -56,28 +55,11 @@ static enum umb_status pack(const struct umbb_small_job *job, const struct umb__
         .settings = nothing,
     };
     const struct umb_sink sink = {count_bytes, bytes};
-    const struct umb__pack_job pack = {.content = &content,
-                                       .octree = octree,
-                                       .sha256 = &umbs_sha256,
-                                       .sink = &sink,
-                                       .never_copies = never_copies != 0,
-                                       .figures = figures};
+    const struct umb__pack_job pack = {
+        .content = &content, .octree = octree, .sha256 = &umbs_sha256, .sink = &sink};
     uint8_t id[UMB_ID_BYTES];
     *bytes = 0;
     return umb__pack_run(&pack, id, error);
-}
-
-/* Packs an octree as a bake does, and also without copies if it has some. */
-static enum umb_status pack_both(const struct umbb_small_job *job, const struct umb__octree *octree,
-                                 struct umbb_costs *costs, struct umb_error *error)
-{
-    struct umb__pack_figures figures = {.copies = 1.0};
-    UMB__TRY(pack(job, octree, 0, &costs->packed_bytes, &figures, error));
-    costs->copies = figures.copies;
-    costs->once_bytes = costs->packed_bytes;
-    return figures.copies > 1.0 && figures.copies <= UMB__COPIES_MAX
-               ? pack(job, octree, 1, &costs->once_bytes, NULL, error)
-               : UMB_OK;
 }
 
 /* Measures a baked octree. */
@@ -90,7 +72,7 @@ static enum umb_status measure(const struct umbb_small_job *job, const struct um
         costs->level_bytes[level] = (double)survey.bytes[level];
     }
     umb__pack_survey_finish(&survey);
-    return job->packed ? pack_both(job, octree, costs, error) : UMB_OK;
+    return job->packed ? pack(job, octree, &costs->packed_bytes, error) : UMB_OK;
 }
 
 enum umb_status umbb_small_bake(const struct umbb_small_job *job, uint32_t log2_size,

@@ -18,8 +18,6 @@ struct umbb_costs {
     double depth_bytes; /* map of first occluders; 0 unless the job asks for it */
     /* The rest is 0 unless the job asks for it: */
     double packed_bytes;
-    double once_bytes; /* packed bytes if no node is copied to several pages */
-    double copies;     /* estimated bytes with copies over those without, 1 .. (content.h) */
 };
 
 struct umbb_small_job {

@@ -20,8 +20,10 @@ enum {
 
 /* Adds one page to the file under construction. */
 static inline void fuzz_add_page(const uint8_t *raw, size_t size, struct bytes *stored,
-                                 uint8_t *entry, uint64_t counts[UMB_LEVEL_MAX + 1])
+                                 struct bytes *links, uint8_t *entry,
+                                 uint64_t counts[UMB_LEVEL_MAX + 1])
 {
+    static const uint8_t to_pages[UMB__PAGE_LINKS_MAX]; /* Link i leads to page i */
     struct umb__page page;
     uint8_t compressed[1 << 17];
     size_t length = ZSTD_compress(compressed, sizeof compressed, raw, size, 1);
@@ -41,6 +43,10 @@ static inline void fuzz_add_page(const uint8_t *raw, size_t size, struct bytes *
         entry[UMB__PAGE_LEVEL_HIGH] = (uint8_t)page.level_high;
         entry[UMB__PAGE_LEVEL_LOW] = (uint8_t)page.level_low;
         umb__store32(entry + UMB__PAGE_RECORDS, (uint32_t)records);
+        umb__store16(entry + UMB__PAGE_LINKS, (uint16_t)page.link_count);
+        struct umb_sink to_links = bytes_sink(links);
+        FUZZ_DEMAND(page.link_count == 0 ||
+                    to_links.write(to_links.user, to_pages, page.link_count) == UMB_OK);
     }
     struct umb_sink sink = bytes_sink(stored);
     FUZZ_DEMAND(sink.write(sink.user, compressed, length) == UMB_OK);
@@ -53,7 +59,7 @@ static inline void fuzz_add_page(const uint8_t *raw, size_t size, struct bytes *
 static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
 {
     static const double origin[3] = {0, 0, 0};
-    struct bytes stored = {0};
+    struct bytes stored = {0}, links = {0};
     uint8_t entries[FUZZ_PAGES_MAX * UMB__PAGE_ENTRY] = {0}, block_entry[UMB__BLOCK_ENTRY];
     struct umb__packed_root root = {UMB__NODE_MIXED, 0, 0};
     struct umb__canonical canonical = {.roots = &root};
@@ -64,7 +70,7 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
         size_t length = umb__load16(data + at);
         at += 2;
         length = length < size - at ? length : size - at;
-        fuzz_add_page(data + at, length, &stored, entries + pages * UMB__PAGE_ENTRY,
+        fuzz_add_page(data + at, length, &stored, &links, entries + pages * UMB__PAGE_ENTRY,
                       canonical.counts);
         at += length;
         pages++;
@@ -81,13 +87,22 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
                 UMB_OK);
     head.canonical = block;
     head.head_length = umb__head_length(&head);
-    const uint64_t first_page = head.head_length + pages * UMB__PAGE_ENTRY;
+    const size_t entries_size = pages * UMB__PAGE_ENTRY, block_size = entries_size + links.size;
+    const uint64_t first_page = head.head_length + block_size;
+    head.first_block = (uint32_t)block_size;
     head.file_length = first_page + stored.size;
     for (uint32_t i = 0; i < pages; i++) {
         uint8_t *entry = entries + i * UMB__PAGE_ENTRY;
         umb__store64(entry, umb__load64(entry) + first_page);
     }
-    FUZZ_DEMAND(umb__block_seal(entries, pages * UMB__PAGE_ENTRY, &test_digest, block_entry));
+    uint8_t *whole = malloc(block_size + 1);
+    FUZZ_DEMAND(whole != NULL);
+    memcpy(whole, entries, entries_size);
+    if (links.size > 0) {
+        memcpy(whole + entries_size, links.data, links.size);
+    }
+    FUZZ_DEMAND(umb__block_seal(whole, (uint32_t)block_size, pages, &test_digest, block_entry));
+    umb__store64(block_entry + UMB__BLOCK_END, block_size);
     FUZZ_DEMAND(umb__directory_identify(&head, &test_digest, NULL, head.id));
     struct bytes file = {.data = malloc((size_t)head.file_length),
                          .size = (size_t)head.file_length,
@@ -95,12 +110,14 @@ static inline struct bytes fuzz_file_of_pages(const uint8_t *data, size_t size)
     uint8_t *front = umb__head_make(&head, NULL);
     FUZZ_DEMAND(file.data != NULL && front != NULL);
     memcpy(file.data, front, (size_t)head.head_length);
-    memcpy(file.data + head.head_length, entries, pages * UMB__PAGE_ENTRY);
+    memcpy(file.data + head.head_length, whole, block_size);
     if (stored.size > 0) {
         memcpy(file.data + first_page, stored.data, stored.size);
     }
     free(block);
     free(front);
+    free(whole);
+    bytes_finish(&links);
     bytes_finish(&stored);
     return file;
 }

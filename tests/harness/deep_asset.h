@@ -20,10 +20,11 @@ enum {
 
 /* Parameters of a deep asset. */
 struct deep {
-    uint32_t log2_size; /* 6 to UMB_LEVEL_MAX */
-    uint32_t width;     /* nodes of a level below the root, 1 to DEEP_WIDTH_MAX */
-    uint32_t mixed;     /* about how many of a node's children are nodes: 1 to 8 */
-    uint64_t seed;      /* not 0 */
+    uint32_t log2_size;  /* 6 to UMB_LEVEL_MAX */
+    uint32_t width;      /* nodes of a level below the root, 1 to DEEP_WIDTH_MAX */
+    uint32_t mixed;      /* about how many of a node's children are nodes: 1 to 8 */
+    uint64_t seed;       /* not 0 */
+    uint32_t page_bytes; /* most estimated bytes of a page; 0: as the format page says */
 };
 
 /* Nodes of a level: no more than the tree has there. */
@@ -103,7 +104,12 @@ static inline struct bytes deep_asset(const struct deep *deep, double side_m)
     deep_octree(deep, &octree);
     make_content(&voxels, side_m / (double)(1U << deep->log2_size), origin, &content);
     struct umb_error error = {0};
-    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = &test_digest,
+                                      .sink = &sink,
+                                      .page_bytes = deep->page_bytes};
+    if (umb__pack_run(&job, id, &error) != UMB_OK) {
         (void)fprintf(stderr, "deep asset: %s\n", error.message);
         abort();
     }

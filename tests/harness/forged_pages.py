@@ -10,7 +10,7 @@ import ctypes
 import hashlib
 import struct
 
-PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 64, 40, 128
+PAGE_ENTRY, BLOCK_PAGES, BLOCK_ENTRY, HEAD = 64, 32, 48, 128
 
 xxhash, zstd = ctypes.CDLL("libxxhash.so.0"), ctypes.CDLL("libzstd.so.1")
 xxhash.XXH3_64bits.restype = ctypes.c_uint64
@@ -70,9 +70,21 @@ def turn_child(raw):
     return False
 
 
-def entry_at(data, page):
+def table_at(data, block):
+    """The place of a block's entry in the head."""
+    return HEAD + struct.unpack_from("<Q", data, 32)[0] + BLOCK_ENTRY * block
+
+
+def block_at(data, block):
+    """The place and length of a block."""
     head, blocks = struct.unpack_from("<Q", data, 24)[0], struct.unpack_from("<Q", data, 88)[0]
-    return head + PAGE_ENTRY * page if page < BLOCK_PAGES else blocks + PAGE_ENTRY * (page - BLOCK_PAGES)
+    ends = [struct.unpack_from("<Q", data, table_at(data, b) + 8)[0] for b in range(block + 1)]
+    begin = ends[block - 1] if block > 0 else 0
+    return (blocks + begin - ends[0] if block > 0 else head), ends[block] - begin
+
+
+def entry_at(data, page):
+    return block_at(data, page // BLOCK_PAGES)[0] + PAGE_ENTRY * (page % BLOCK_PAGES)
 
 
 def page_count(data):
@@ -81,11 +93,9 @@ def page_count(data):
 
 def seal(data):
     """The XXH3 of each block, then the head's."""
-    pages, table = page_count(data), HEAD + struct.unpack_from("<Q", data, 32)[0]
-    for first in range(0, pages, BLOCK_PAGES):
-        at = entry_at(data, first)
-        block = data[at:at + PAGE_ENTRY * min(BLOCK_PAGES, pages - first)]
-        struct.pack_into("<Q", data, table + BLOCK_ENTRY * (first // BLOCK_PAGES), check(block))
+    for block in range((page_count(data) + BLOCK_PAGES - 1) // BLOCK_PAGES):
+        at, length = block_at(data, block)
+        struct.pack_into("<Q", data, table_at(data, block), check(data[at:at + length]))
     head = struct.unpack_from("<Q", data, 24)[0]
     both = struct.pack("<QQ", check(data[:120]), check(data[HEAD:head]))
     struct.pack_into("<Q", data, 120, check(both))
@@ -145,15 +155,16 @@ def spoil(whole, rng):
     replace_page(data, page, raw)
     at = entry_at(data, page) + 32
     data[at:at + 32] = hashlib.sha256(raw).digest()
-    canonical = struct.unpack_from("<Q", data, 32)[0]
-    table = HEAD + canonical
     hashes = b""
-    for first in range(0, pages, BLOCK_PAGES):
-        entries = (entry_at(data, number) + 32 for number in range(first, min(first + BLOCK_PAGES, pages)))
-        block = hashlib.sha256(b"".join(data[each:each + 32] for each in entries)).digest()
-        at = table + BLOCK_ENTRY * (first // BLOCK_PAGES) + 8
-        data[at:at + 32] = block
-        hashes += block
-    data[48:80] = hashlib.sha256(data[HEAD:table] + hashes).digest()
+    for block in range((pages + BLOCK_PAGES - 1) // BLOCK_PAGES):
+        begin, length = block_at(data, block)
+        entries = [entry_at(data, number) for number in range(BLOCK_PAGES * block, min(BLOCK_PAGES * (block + 1), pages))]
+        content = b"".join(data[each + 32:each + 64] for each in entries)
+        content += b"".join(data[each + 26:each + 28] for each in entries)  # lengths of the links
+        content += data[begin + PAGE_ENTRY * len(entries):begin + length]
+        at = table_at(data, block) + 16
+        data[at:at + 32] = hashlib.sha256(content).digest()
+        hashes += data[at:at + 32]
+    data[48:80] = hashlib.sha256(data[HEAD:table_at(data, 0)] + hashes).digest()
     seal(data)
     return bytes(data)

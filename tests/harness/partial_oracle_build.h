@@ -198,7 +198,8 @@ static inline bool fill_bricks(struct filling *f, uint32_t number, const struct 
 static inline enum umb_status fill_page(struct filling *f, uint32_t number, struct umb_error *error)
 {
     const struct oracle *p = f->p;
-    const struct umb__page_entry entry = umb__directory_load(&p->part->head, number);
+    struct umb__page_entry entry = umb__directory_load(&p->part->head, number);
+    umb__directory_links(&p->part->head, &entry, NULL);
     struct umb__page page;
     UMB__TRY(umb__page_expand(p->part->zstd, p->part->pages[number].stored, &entry, f->raw, error));
     UMB__TRY(umb__page_open(f->raw, &entry, &page, error));

@@ -16,22 +16,31 @@
  * beyond the end of the file are skipped. */
 static inline void seal_blocks(struct bytes *file, bool with_hashes)
 {
+    uint8_t *entry =
+        file->data + UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
     const struct umb__head head = {
         .head_length = umb__load64(file->data + UMB__HEAD_LENGTH),
+        .directory = entry,
+        .first_block = umb__load32(file->data + UMB__HEAD_FIRST_BLOCK),
         .blocks_offset = umb__load64(file->data + UMB__HEAD_BLOCKS),
     };
     const uint32_t pages = umb__load32(file->data + UMB__HEAD_PAGES);
-    uint8_t *entry =
-        file->data + UMB__HEAD_SIZE + umb__load64(file->data + UMB__HEAD_CANONICAL_LENGTH);
-    for (uint32_t block = 0; block < umb__block_count(pages); block++, entry += UMB__BLOCK_ENTRY) {
+    const uint32_t blocks = umb__load32(file->data + UMB__HEAD_DIRECTORY_COUNT);
+    for (uint32_t block = 0; block < umb__block_count(pages) && block < blocks; block++) {
         const uint64_t at = umb__block_offset(&head, block);
-        const uint32_t size = umb__block_bytes(pages, block);
+        const uint32_t size = umb__block_bytes(&head, block);
+        const uint32_t entries = umb__block_entry_bytes(pages, block);
         uint8_t sealed[UMB__BLOCK_ENTRY];
-        if (at > file->size || size > file->size - at) {
+        if (at > file->size || size > file->size - at || size < entries) {
             return;
         }
-        (void)umb__block_seal(file->data + at, size, &test_digest, sealed);
-        memcpy(entry, sealed, with_hashes ? UMB__BLOCK_ENTRY : UMB__BLOCK_HASH);
+        (void)umb__block_seal(file->data + at, size, entries / UMB__PAGE_ENTRY, &test_digest,
+                              sealed);
+        memcpy(entry, sealed, 8);
+        if (with_hashes) {
+            memcpy(entry + UMB__BLOCK_HASH, sealed + UMB__BLOCK_HASH, UMB_ID_BYTES);
+        }
+        entry += UMB__BLOCK_ENTRY;
     }
 }
 

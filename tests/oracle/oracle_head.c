@@ -16,9 +16,9 @@ enum {
     CHECK_AT = 120,
     BLOCK_LIMIT = 64 << 20,
     INFO_LIMIT = 1 << 20,
-    PACKED_ENTRY = 40,
+    PACKED_ENTRY = 48,
     PAGE_ENTRY = 64,
-    BLOCK_PAGES = 64,
+    BLOCK_PAGES = 32,
     MAPPED_ENTRY = 32,
     MAPPED_SECTIONS = 7,
     LIGHT_SIZE = 136,
@@ -43,7 +43,7 @@ static int check_magic(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
         return oracle_refuse(error, "magic: neither packed nor mapped");
     }
     uint64_t major = oracle_number(oracle->bytes + 8, 2),
-             known = oracle->form == ORACLE_PACKED ? 2 : 3;
+             known = oracle->form == ORACLE_PACKED ? 3 : 3;
     if (major != known) {
         return oracle_refuse(error, "major version: %" PRIu64 ", not %" PRIu64, major, known);
     }
@@ -88,21 +88,32 @@ static int read_pages_field(struct oracle *oracle, char error[ORACLE_ERROR_SIZE]
 {
     uint64_t pages = oracle_number(oracle->bytes + 80, 4);
     oracle->page_count = (uint32_t)pages;
+    oracle->first_block = oracle_number(oracle->bytes + 84, 4);
     oracle->blocks_at = oracle_number(oracle->bytes + 88, 8);
     if (oracle->form == ORACLE_MAPPED) {
-        return (pages == 0 && oracle->blocks_at == 0) ||
+        return (pages == 0 && oracle->blocks_at == 0 && oracle->first_block == 0) ||
                oracle_refuse(error, "head: a mapped file has no pages");
     }
     if (oracle->directory_count != (pages + BLOCK_PAGES - 1) / BLOCK_PAGES) {
         return oracle_refuse(error, "directory: %" PRIu32 " blocks for %" PRIu64 " pages",
                              oracle->directory_count, pages);
     }
-    uint64_t first = pages < BLOCK_PAGES ? pages : BLOCK_PAGES, others = pages - first;
-    if (first * PAGE_ENTRY > oracle->size - oracle->head_size ||
-        (others == 0 ? oracle->blocks_at != 0
-                     : oracle->blocks_at > oracle->size ||
-                           others * PAGE_ENTRY > oracle->size - oracle->blocks_at)) {
-        return oracle_refuse(error, "directory: %" PRIu64 " pages' entries are not in the file",
+    uint64_t end = 0, first = 0;
+    for (uint32_t i = 0; i < oracle->directory_count; i++) {
+        const uint64_t rest = pages - (uint64_t)i * BLOCK_PAGES, before = end;
+        const uint64_t entries = PAGE_ENTRY * (rest < BLOCK_PAGES ? rest : BLOCK_PAGES);
+        end = oracle_number(
+            oracle->bytes + HEAD_FIXED + oracle->block_size + (uint64_t)i * PACKED_ENTRY + 8, 8);
+        first = i == 0 ? end : first;
+        if (end < before || end - before < entries || end > oracle->size) {
+            return oracle_refuse(error, "directory: block %" PRIu32 " ends at %" PRIu64, i, end);
+        }
+    }
+    if (first != oracle->first_block || first > oracle->size - oracle->head_size ||
+        (end == first ? oracle->blocks_at != 0
+                      : oracle->blocks_at > oracle->size ||
+                            end - first > oracle->size - oracle->blocks_at)) {
+        return oracle_refuse(error, "directory: %" PRIu64 " pages' blocks are not in the file",
                              pages);
     }
     return 1;
@@ -114,8 +125,7 @@ int oracle_read_head(struct oracle *oracle, char error[ORACLE_ERROR_SIZE])
     if (!check_magic(oracle, error)) {
         return 0;
     }
-    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 84, 4) ||
-        !oracle_all_zero(head + 96, 24)) {
+    if (!oracle_all_zero(head + 12, 4) || !oracle_all_zero(head + 96, 24)) {
         return oracle_refuse(error, "head: flags or zero fields are not zero");
     }
     if (oracle_number(head + 16, 8) != oracle->size) {

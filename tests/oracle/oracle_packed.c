@@ -19,8 +19,8 @@
 enum {
     HEAD_FIXED = 128,
     ENTRY_SIZE = 64,
-    BLOCK_ENTRY_SIZE = 40,
-    BLOCK_PAGES = 64,
+    BLOCK_ENTRY_SIZE = 48,
+    BLOCK_PAGES = 32,
     PAGE_LIMIT = 1 << 20,
 };
 
@@ -32,19 +32,54 @@ static void free_pages(struct oracle_page *pages, uint32_t count)
     free(pages);
 }
 
-/* Where a block of the directory stands; oracle_read_head has found all of them inside the file. */
-static const uint8_t *block_at(const struct oracle *oracle, uint32_t block)
+/* Bytes of the blocks up to and including a block. */
+static uint64_t block_end(const struct oracle *oracle, uint32_t block)
 {
+    return oracle_number(oracle->bytes + HEAD_FIXED + oracle->block_size +
+                             (uint64_t)block * BLOCK_ENTRY_SIZE + 8,
+                         8);
+}
+
+/* Where a block of the directory stands; oracle_read_head has found all of them inside the file. */
+static const uint8_t *block_at(const struct oracle *oracle, uint32_t block, uint64_t *size)
+{
+    *size = block_end(oracle, block) - (block > 0 ? block_end(oracle, block - 1) : 0);
     return oracle->bytes +
            (block == 0 ? oracle->head_size
-                       : oracle->blocks_at + (uint64_t)(block - 1) * BLOCK_PAGES * ENTRY_SIZE);
+                       : oracle->blocks_at + block_end(oracle, block - 1) - oracle->first_block);
+}
+
+static uint32_t pages_of(const struct oracle *oracle, uint32_t block)
+{
+    const uint32_t rest = oracle->page_count - block * BLOCK_PAGES;
+    return rest < BLOCK_PAGES ? rest : BLOCK_PAGES;
+}
+
+/* Finds the links of a page: behind the entries, and behind the links of the pages before. */
+static int find_links(const struct oracle *oracle, uint32_t number, struct oracle_page *page,
+                      char error[ORACLE_ERROR_SIZE])
+{
+    uint64_t size;
+    const uint32_t block = number / BLOCK_PAGES, pages = pages_of(oracle, block);
+    const uint8_t *bytes = block_at(oracle, block, &size);
+    uint64_t at = (uint64_t)pages * ENTRY_SIZE;
+    for (uint32_t i = 0; i < pages; i++) {
+        if (i == number % BLOCK_PAGES) {
+            page->links = (struct oracle_cursor){
+                .data = bytes + at, .size = oracle_number(bytes + i * ENTRY_SIZE + 26, 2)};
+        }
+        at += oracle_number(bytes + (uint64_t)i * ENTRY_SIZE + 26, 2);
+    }
+    return at == size || oracle_refuse(error, "block %" PRIu32 ": %" PRIu64 " bytes, not %" PRIu64,
+                                       block, size, at);
 }
 
 static int read_entry(const struct oracle *oracle, uint32_t number, struct oracle_page *page,
                       char error[ORACLE_ERROR_SIZE])
 {
-    const uint8_t *entry =
-        block_at(oracle, number / BLOCK_PAGES) + (uint64_t)(number % BLOCK_PAGES) * ENTRY_SIZE;
+    uint64_t size;
+    const uint8_t *entry = block_at(oracle, number / BLOCK_PAGES, &size) +
+                           (uint64_t)(number % BLOCK_PAGES) * ENTRY_SIZE;
     page->stored_at = oracle_number(entry, 8);
     page->stored_size = (uint32_t)oracle_number(entry + 8, 4);
     page->size = (uint32_t)oracle_number(entry + 12, 4);
@@ -61,10 +96,7 @@ static int read_entry(const struct oracle *oracle, uint32_t number, struct oracl
         return oracle_refuse(error, "page %" PRIu32 ": levels %" PRIu32 " to %" PRIu32, number,
                              page->high, page->low);
     }
-    if (!oracle_all_zero(entry + 26, 2)) {
-        return oracle_refuse(error, "page %" PRIu32 ": a zero field is set", number);
-    }
-    return 1;
+    return find_links(oracle, number, page, error);
 }
 
 static int digest(const uint8_t *bytes, size_t size, uint8_t out[32])
@@ -103,17 +135,25 @@ static int check_block(const struct oracle *oracle, const struct oracle_page *pa
 {
     const uint8_t *stated =
         oracle->bytes + HEAD_FIXED + oracle->block_size + (uint64_t)block * BLOCK_ENTRY_SIZE;
-    uint32_t first = block * BLOCK_PAGES, rest = oracle->page_count - first;
-    uint32_t count = rest < BLOCK_PAGES ? rest : BLOCK_PAGES;
-    uint8_t hashes[BLOCK_PAGES * 32], hash[32];
-    for (uint32_t i = 0; i < count; i++) {
-        memcpy(hashes + 32 * (size_t)i, pages[first + i].hash, 32);
+    uint64_t size;
+    const uint8_t *bytes = block_at(oracle, block, &size);
+    const uint32_t first = block * BLOCK_PAGES, count = pages_of(oracle, block);
+    const size_t links = (size_t)size - (size_t)count * ENTRY_SIZE;
+    uint8_t *hashed = malloc((size_t)count * 34 + links), hash[32];
+    if (hashed == NULL) {
+        return oracle_refuse(error, "out of memory");
     }
-    if (XXH3_64bits(block_at(oracle, block), (size_t)count * ENTRY_SIZE) !=
-        oracle_number(stated, 8)) {
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(hashed + 32 * (size_t)i, pages[first + i].hash, 32);
+        memcpy(hashed + 32 * (size_t)count + 2 * (size_t)i, bytes + (size_t)i * ENTRY_SIZE + 26, 2);
+    }
+    memcpy(hashed + 34 * (size_t)count, bytes + (size_t)count * ENTRY_SIZE, links);
+    const int hashes = digest(hashed, 34 * (size_t)count + links, hash);
+    free(hashed);
+    if (XXH3_64bits(bytes, (size_t)size) != oracle_number(stated, 8)) {
         return oracle_refuse(error, "block %" PRIu32 ": XXH3 differs", block);
     }
-    if (!digest(hashes, 32 * (size_t)count, hash) || memcmp(hash, stated + 8, 32) != 0) {
+    if (!hashes || memcmp(hash, stated + 16, 32) != 0) {
         return oracle_refuse(error, "block %" PRIu32 ": SHA-256 differs", block);
     }
     return 1;
@@ -128,7 +168,7 @@ static int check_id(const struct oracle *oracle, const struct oracle_page *pages
     int good = context != NULL && EVP_DigestInit_ex(context, EVP_sha256(), NULL) == 1 &&
                EVP_DigestUpdate(context, oracle->bytes + HEAD_FIXED, (size_t)oracle->block_size);
     for (uint32_t i = 0; good && i < oracle->directory_count; i++) {
-        good = EVP_DigestUpdate(context, table + (size_t)i * BLOCK_ENTRY_SIZE + 8, 32) == 1;
+        good = EVP_DigestUpdate(context, table + (size_t)i * BLOCK_ENTRY_SIZE + 16, 32) == 1;
     }
     good = good && EVP_DigestFinal_ex(context, id, NULL) == 1;
     EVP_MD_CTX_free(context);
@@ -170,17 +210,16 @@ static int find_roots(struct oracle *oracle, const struct oracle_page *pages,
 static int read_all_counts(struct oracle *oracle, struct oracle_page *pages,
                            char error[ORACLE_ERROR_SIZE])
 {
-    uint32_t first = oracle->page_count < BLOCK_PAGES ? oracle->page_count : BLOCK_PAGES;
-    uint64_t at = oracle->head_size + (uint64_t)first * ENTRY_SIZE;
+    uint64_t at = oracle->head_size + oracle->first_block;
     for (uint32_t i = 0; i < oracle->page_count; i++) {
         if (!read_entry(oracle, i, &pages[i], error)) {
             return 0;
         }
         if (i == BLOCK_PAGES) {
             if (at != oracle->blocks_at) {
-                return oracle_refuse(error, "directory: its second block is not behind page 63");
+                return oracle_refuse(error, "directory: its second block is not behind page 31");
             }
-            at += (uint64_t)(oracle->page_count - BLOCK_PAGES) * ENTRY_SIZE;
+            at += block_end(oracle, oracle->directory_count - 1) - oracle->first_block;
         }
         if (pages[i].stored_at != at || pages[i].stored_size > oracle->size - at) {
             return oracle_refuse(error,

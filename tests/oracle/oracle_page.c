@@ -62,7 +62,7 @@ int oracle_read_counts(struct oracle *oracle, uint32_t number, struct oracle_pag
     uint64_t encoding = oracle_take(cursor, 1);
     uint64_t high = oracle_take(cursor, 1);
     uint64_t low = oracle_take(cursor, 1);
-    if (encoding != 2 || high != page->high || low != page->low) {
+    if (encoding != 3 || high != page->high || low != page->low) {
         return oracle_refuse(
             error, "page %" PRIu32 ": encoding %" PRIu64 ", levels %" PRIu64 " to %" PRIu64, number,
             encoding, high, low);
@@ -104,18 +104,31 @@ struct level {
     uint64_t next;      /* the next node */
 };
 
+/* The page to which a link leads, by all links up to it. */
+static uint64_t page_of_link(const struct decoder *d, uint64_t link)
+{
+    struct oracle_cursor links = d->page->links;
+    int64_t page = -1;
+    for (uint64_t i = 0; i <= link; i++) {
+        const uint64_t folded = oracle_take_number(&links);
+        page += 1 + (folded % 2 ? -(int64_t)(folded / 2) - 1 : (int64_t)(folded / 2));
+    }
+    return links.overrun || page < 0 ? UINT64_MAX : (uint64_t)page;
+}
+
 /* Where the others stand, and so their numbers. */
 static int decode_others(const struct decoder *d, struct level *level)
 {
     struct oracle_cursor positions = d->page->cursor;
-    uint64_t page = 0, position = 0;
+    uint64_t link = 0, page = 0, position = 0;
     for (uint64_t k = 0; k < level->other_count; k++) {
         (void)oracle_take_number(&positions);
     }
     for (uint64_t k = 0; k < level->other_count; k++) {
-        const uint64_t pages = oracle_take_number(&d->page->cursor);
-        position = oracle_take_number(&positions) + (k > 0 && pages == 0 ? position + 1 : 0);
-        page += pages;
+        const uint64_t links = oracle_take_number(&d->page->cursor);
+        position = oracle_take_number(&positions) + (k > 0 && links == 0 ? position + 1 : 0);
+        link += links;
+        page = k > 0 && links == 0 ? page : page_of_link(d, link);
         if (positions.overrun || page >= d->oracle->page_count || page == d->number ||
             position >= d->pages[page].count[level->l - 1]) {
             return oracle_refuse(

@@ -14,6 +14,7 @@ struct oracle_page {
     uint32_t count[ORACLE_LEVELS]; /* N[l] */
     uint64_t base[ORACLE_LEVELS];  /* number of its first node among all of level l */
     struct oracle_cursor cursor;   /* what stands after the counts */
+    struct oracle_cursor links;    /* the page's links in the directory */
 };
 
 /* The counts of an expanded page, and where its nodes get their numbers. */

@@ -77,6 +77,7 @@ struct oracle {
     uint32_t directory_count, info_size; /* directory: blocks (packed) or sections (mapped) */
     uint32_t page_count;                 /* packed */
     uint64_t blocks_at;                  /* packed: the second block, or 0 */
+    uint64_t first_block;                /* packed: bytes of the first block */
     uint8_t id[32];
     double origin[3], box_min[3], box_max[3];
     struct oracle_light *lights;

@@ -96,7 +96,8 @@ with test.check("a partial file is described and answers as an asset does, with 
         assert low <= true <= high and low <= value <= high, (low, true, high)
         exact += low == high
     assert exact == part["exact"]
-    ut.run("umbrage", "stream", asset, "--points", points, "--normals", "--only-points", "-o", part_b, "--quiet")
+    ut.run("umbrage", "stream", asset, "--points", points, "--normals", "--only-points", "--taps", "17",
+           "-o", part_b, "--quiet")
     part = query(part_b, "--taps", "17")
     assert part["exact"] == part["points"] and part["worst_error_m"] == 0, part["exact"]
     assert [a[0] for a in part["answers"]] == query(asset, "--taps", "17")["answers"]

@@ -58,6 +58,19 @@ static inline uint8_t *umb__put_number(uint8_t *at, uint32_t value)
     return at;
 }
 
+/* Turns a difference into a number: 0, -1, 1, -2, 2 ... become 0, 1, 2, 3, 4 ... In: a difference
+ * whose absolute value is below 2^31. */
+static inline uint32_t umb__fold(int64_t difference)
+{
+    return (uint32_t)(difference < 0 ? -2 * difference - 1 : 2 * difference);
+}
+
+/* Inverse of umb__fold. */
+static inline int64_t umb__unfold(uint32_t number)
+{
+    return number & 1 ? -(int64_t)(number / 2) - 1 : (int64_t)(number / 2);
+}
+
 /* A list of numbers below a limit. */
 struct umb__number_list {
     const uint8_t *bytes; /* [umb__list_bytes(count, high_bits)] */

@@ -103,24 +103,9 @@ struct umb__pack_job {
     /* Called every few pages, on any of the threads; nonzero ends the call with E_CANCELLED. May be
      * NULL. */
     int (*cancelled)(void);
-    bool never_copies; /* True: no node is copied to several pages. Such a file is not canonical: it
-                          is measured, never published */
-    struct umb__pack_figures *figures; /* Result; NULL: not wanted */
+    uint32_t page_bytes; /* Most estimated bytes of a page; 0: what the format page says. Readers
+                            take any */
 };
-
-/* Figures about the pages of a packed file. */
-struct umb__pack_figures {
-    /* Ratio of the estimated bytes of the lowest band with copies of nodes to those without; at
-     * least 1. The file has copies if the ratio is at most UMB__COPIES_MAX. A ratio above that may
-     * be too small. */
-    double copies;
-};
-
-/* Most bytes that the lowest band may take with copies of nodes, in fifths of its bytes without
- * copies. At this limit the file grows by about a quarter only, because a copied node needs no
- * reference to another page, and references take many bytes. */
-#define UMB__COPIES_MAX_FIFTHS 12U
-#define UMB__COPIES_MAX        ((double)UMB__COPIES_MAX_FIFTHS / 5.0)
 
 /* Does what umb__pack_write does, with helpers that encode and compress pages. The bytes are the
  * same for any number of helpers. */

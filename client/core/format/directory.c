@@ -12,11 +12,38 @@
 #include "base/try.h"
 #include "format/layout.h"
 
+static const uint8_t *table_entry(const struct umb__head *head, uint32_t block)
+{
+    return head->directory + (size_t)block * UMB__BLOCK_ENTRY;
+}
+
+/* Returns the bytes of the blocks before a block. */
+static uint64_t end_before(const struct umb__head *head, uint32_t block)
+{
+    return block == 0 ? 0 : umb__load64(table_entry(head, block - 1) + UMB__BLOCK_END);
+}
+
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block)
 {
-    return block == 0
-               ? head->head_length
-               : head->blocks_offset + (uint64_t)(block - 1) * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
+    return block == 0 ? head->head_length
+                      : head->blocks_offset + end_before(head, block) - head->first_block;
+}
+
+uint32_t umb__block_bytes(const struct umb__head *head, uint32_t block)
+{
+    return (uint32_t)(end_before(head, block + 1) - end_before(head, block));
+}
+
+const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block, uint32_t *size)
+{
+    const uint64_t offset = umb__block_offset(head, block);
+    *size = umb__block_bytes(head, block);
+    if (head->blocks) {
+        *size = head->blocks[block] ? *size : 0;
+        return head->blocks[block];
+    }
+    *size = *size <= head->file_length && offset <= head->file_length - *size ? *size : 0;
+    return head->file + (*size > 0 ? offset : 0);
 }
 
 /* Loads a page's entry. In: at: the entry in its block. */
@@ -31,16 +58,18 @@ static struct umb__page_entry load(const uint8_t *at, uint32_t page)
         .level_high = at[UMB__PAGE_LEVEL_HIGH],
         .level_low = at[UMB__PAGE_LEVEL_LOW],
         .records = umb__load32(at + UMB__PAGE_RECORDS),
-        .reserved = umb__load16(at + UMB__PAGE_ZERO),
+        .links_length = umb__load16(at + UMB__PAGE_LINKS),
     };
     return entry;
 }
 
 static const uint8_t *entry_at(const struct umb__head *head, uint32_t page)
 {
-    return page < UMB__BLOCK_PAGES
-               ? head->entries[0] + (size_t)page * UMB__PAGE_ENTRY
-               : head->entries[1] + (size_t)(page - UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
+    static const uint8_t none[UMB__PAGE_ENTRY];
+    uint32_t size;
+    const uint8_t *block = umb__block_view(head, page / UMB__BLOCK_PAGES, &size);
+    const uint32_t at = page % UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
+    return size >= at + UMB__PAGE_ENTRY ? block + at : none;
 }
 
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page)
@@ -51,6 +80,27 @@ struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page)
 {
     return entry_at(head, page) + UMB__PAGE_HASH;
+}
+
+void umb__directory_links(const struct umb__head *head, struct umb__page_entry *entry,
+                          uint8_t *copy)
+{
+    uint32_t size;
+    const uint32_t number = entry->page / UMB__BLOCK_PAGES;
+    const uint8_t *block = umb__block_view(head, number, &size);
+    uint64_t at = umb__block_entry_bytes(head->page_count, number);
+    for (uint32_t i = 0; i < entry->page % UMB__BLOCK_PAGES && at <= size; i++) {
+        at += umb__load16(block + (size_t)i * UMB__PAGE_ENTRY + UMB__PAGE_LINKS);
+    }
+    if (at > size || entry->links_length > size - at) { /* The block has changed */
+        entry->links_length = 0;
+        at = 0;
+    }
+    entry->links = block + at;
+    if (copy) {
+        memcpy(copy, entry->links, entry->links_length);
+        entry->links = copy;
+    }
 }
 
 static enum umb_status check_entry(const struct umb__head *head,
@@ -66,39 +116,34 @@ static enum umb_status check_entry(const struct umb__head *head,
         return umb_fail(error, UMB_E_CORRUPT, "directory: page %u takes %u bytes, at most %u",
                         entry->page, entry->raw_length, UMB__PAGE_RAW_MAX);
     }
-    if (entry->reserved != 0) {
-        return umb_fail(error, UMB_E_VERSION,
-                        "directory: page %u uses reserved fields of a newer writer", entry->page);
-    }
     return UMB_OK;
 }
 
-static const uint8_t *table_entry(const struct umb__head *head, uint32_t block)
-{
-    return head->directory + (size_t)block * UMB__BLOCK_ENTRY;
-}
-
-const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block)
-{
-    return entry_at(head, block * UMB__BLOCK_PAGES);
-}
-
 enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, const uint8_t *bytes,
-                                 struct umb__block_extent *extent, struct umb_error *error)
+                                 uint32_t size, struct umb__block_extent *extent,
+                                 struct umb_error *error)
 {
-    const uint32_t size = umb__block_bytes(head->page_count, block);
+    const uint32_t entries = umb__block_entry_bytes(head->page_count, block);
     const uint32_t first = block * UMB__BLOCK_PAGES;
-    if (XXH3_64bits(bytes, size) != umb__load64(table_entry(head, block) + UMB__BLOCK_CHECK)) {
+    if (size < entries ||
+        XXH3_64bits(bytes, size) != umb__load64(table_entry(head, block) + UMB__BLOCK_CHECK)) {
         return umb_fail(error, UMB_E_CORRUPT, "directory: checksum of block %u does not match",
                         block);
     }
     const uint64_t begin = umb__load64(bytes + UMB__PAGE_OFFSET);
     struct umb__block_extent seen = {begin, begin, 0};
-    for (uint32_t i = 0; i < size / UMB__PAGE_ENTRY; i++) {
+    uint64_t links = 0;
+    for (uint32_t i = 0; i < entries / UMB__PAGE_ENTRY; i++) {
         const struct umb__page_entry entry = load(bytes + (size_t)i * UMB__PAGE_ENTRY, first + i);
         UMB__TRY(check_entry(head, &entry, seen.end, error));
         seen.end += entry.stored_length;
-        seen.raw_bytes += entry.raw_length;
+        seen.raw_bytes += (uint64_t)entry.raw_length + entry.links_length;
+        links += entry.links_length;
+    }
+    if (entries + links != size) {
+        return umb_fail(error, UMB_E_CORRUPT,
+                        "directory: block %u has %u bytes, its entries and links %llu", block, size,
+                        (unsigned long long)(entries + links));
     }
     if (extent) {
         *extent = seen;
@@ -106,26 +151,39 @@ enum umb_status umb__block_check(const struct umb__head *head, uint32_t block, c
     return UMB_OK;
 }
 
-/* Computes the SHA-256 of the hashes of a block's pages. Returns false without a digest. */
-static bool hash_block(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
-                       uint8_t hash[UMB_ID_BYTES])
+/* Computes the SHA-256 of the hashes and links of a block's pages. Returns false without a digest.
+ */
+static bool hash_block(const uint8_t *bytes, uint32_t size, uint32_t pages,
+                       const struct umb_sha256 *sha256, uint8_t hash[UMB_ID_BYTES])
 {
-    const void *parts[UMB__BLOCK_PAGES];
-    size_t sizes[UMB__BLOCK_PAGES];
-    const size_t count = size / UMB__PAGE_ENTRY;
-    for (size_t i = 0; i < count; i++) {
-        parts[i] = bytes + i * UMB__PAGE_ENTRY + UMB__PAGE_HASH;
+    const void *parts[UMB__BLOCK_PAGES + 2];
+    size_t sizes[UMB__BLOCK_PAGES + 2];
+    uint8_t lengths[2 * UMB__BLOCK_PAGES];
+    const uint32_t entries = pages * UMB__PAGE_ENTRY;
+    for (uint32_t i = 0; i < pages; i++) {
+        const uint8_t *entry = bytes + (size_t)i * UMB__PAGE_ENTRY;
+        parts[i] = entry + UMB__PAGE_HASH;
         sizes[i] = UMB_ID_BYTES;
+        memcpy(lengths + 2 * (size_t)i, entry + UMB__PAGE_LINKS, 2);
     }
-    sha256->digest(sha256->user, parts, sizes, count, hash);
+    parts[pages] = lengths;
+    sizes[pages] = 2 * (size_t)pages;
+    parts[pages + 1] = bytes + entries;
+    sizes[pages + 1] = size - entries;
+    sha256->digest(sha256->user, parts, sizes, (size_t)pages + 2, hash);
     return umb__digest_made(hash);
 }
 
 enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block, const uint8_t *bytes,
-                                 const struct umb_sha256 *sha256, struct umb_error *error)
+                                 uint32_t size, const struct umb_sha256 *sha256,
+                                 struct umb_error *error)
 {
     uint8_t hash[UMB_ID_BYTES];
-    if (!hash_block(bytes, umb__block_bytes(head->page_count, block), sha256, hash)) {
+    const uint32_t entries = umb__block_entry_bytes(head->page_count, block);
+    if (size < entries) {
+        return umb_fail(error, UMB_E_CORRUPT, "directory: block %u is cut", block);
+    }
+    if (!hash_block(bytes, size, entries / UMB__PAGE_ENTRY, sha256, hash)) {
         return umb_fail(error, UMB_E_NO_MEMORY, "directory: block %u could not be hashed", block);
     }
     return memcmp(hash, table_entry(head, block) + UMB__BLOCK_HASH, sizeof hash) == 0
@@ -134,11 +192,11 @@ enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block, c
                           block);
 }
 
-bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
-                     uint8_t entry[UMB__BLOCK_ENTRY])
+bool umb__block_seal(const uint8_t *bytes, uint32_t size, uint32_t pages,
+                     const struct umb_sha256 *sha256, uint8_t entry[UMB__BLOCK_ENTRY])
 {
     umb__store64(entry + UMB__BLOCK_CHECK, XXH3_64bits(bytes, size));
-    return hash_block(bytes, size, sha256, entry + UMB__BLOCK_HASH);
+    return hash_block(bytes, size, pages, sha256, entry + UMB__BLOCK_HASH);
 }
 
 enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw_total,
@@ -148,13 +206,14 @@ enum umb_status umb__directory_check(const struct umb__head *head, uint64_t *raw
     *raw_total = 0;
     for (uint32_t block = 0; block < head->directory_count; block++) {
         struct umb__block_extent extent;
-        UMB__TRY(umb__block_check(head, block, umb__block_view(head, block), &extent, error));
+        uint32_t size;
+        const uint8_t *bytes = umb__block_view(head, block, &size);
+        UMB__TRY(umb__block_check(head, block, bytes, size, &extent, error));
         /* The first block precedes its pages. All other blocks stand together before their
          * pages. */
+        const uint64_t others = end_before(head, head->directory_count) - head->first_block;
         const bool placed = block > 1 || umb__block_offset(head, block) == expected;
-        expected += block == 0   ? umb__block_bytes(head->page_count, 0)
-                    : block == 1 ? umb__other_blocks_bytes(head->page_count)
-                                 : 0;
+        expected += block == 0 ? head->first_block : block == 1 ? others : 0;
         if (!placed || extent.begin != expected) {
             return umb_fail(error, UMB_E_CORRUPT,
                             "directory: block %u or its pages are not where they should be", block);
@@ -201,6 +260,8 @@ enum umb_status umb__page_open(const uint8_t *raw, const struct umb__page_entry 
                                struct umb__page *page, struct umb_error *error)
 {
     enum umb_status status = umb__page_parse(raw, entry->raw_length, page, error);
+    status = status == UMB_OK ? umb__page_set_links(page, entry->links, entry->links_length, error)
+                              : status;
     if (status != UMB_OK) {
         return umb__in_page(error, entry->page, status);
     }

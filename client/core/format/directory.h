@@ -3,8 +3,11 @@
 #define UMBRAGE_CORE_FORMAT_DIRECTORY_H
 /*
  * The directory of a packed file: an entry for each page, in blocks of UMB__BLOCK_PAGES entries.
- * The head has the checksum and the hash of each block, so a client can verify a page from the
- * head, one block and the page. The file also uncompresses and parses pages.
+ * The head has the checksum and the hash of each block, so a client proves a page with the head,
+ * one block and the page. The file also uncompresses and parses pages.
+ *
+ * A page names other pages by their places in its list of links. The list stands in the block, not
+ * in the page: a page's bytes stay when other pages get other numbers.
  */
 #include <stdbool.h>
 #include "format/head.h"
@@ -20,7 +23,9 @@ struct umb__page_entry {
     uint32_t stored_length, raw_length;
     uint64_t check; /* XXH3-64 of the stored bytes */
     uint32_t level_high, level_low, records;
-    uint32_t reserved;
+    const uint8_t *links; /* [links_length] Links in the block (page.h), from umb__directory_links;
+                             NULL from umb__directory_load */
+    uint32_t links_length;
 };
 
 /* Returns the number of blocks of a directory for `page_count` pages. */
@@ -29,33 +34,35 @@ static inline uint32_t umb__block_count(uint32_t page_count)
     return page_count / UMB__BLOCK_PAGES + (page_count % UMB__BLOCK_PAGES != 0);
 }
 
-/* Returns the length of a block in bytes. In: block: 0, or a number below the block count. */
-static inline uint32_t umb__block_bytes(uint32_t page_count, uint32_t block)
+/* Returns the length in bytes of a block's entries. In: block: 0, or a number below the block
+ * count. */
+static inline uint32_t umb__block_entry_bytes(uint32_t page_count, uint32_t block)
 {
     const uint32_t rest = page_count - block * UMB__BLOCK_PAGES;
     return (rest < UMB__BLOCK_PAGES ? rest : UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY;
 }
 
-/* Returns the length in bytes of all blocks but the first. */
-static inline uint64_t umb__other_blocks_bytes(uint32_t page_count)
-{
-    return page_count > UMB__BLOCK_PAGES
-               ? (uint64_t)(page_count - UMB__BLOCK_PAGES) * UMB__PAGE_ENTRY
-               : 0;
-}
+/* Returns the length in bytes of a block. In: block: a number below the block count. */
+uint32_t umb__block_bytes(const struct umb__head *head, uint32_t block);
 
 /* Returns the offset in bytes of a block in the file. */
 uint64_t umb__block_offset(const struct umb__head *head, uint32_t block);
 
-/* Loads a page's entry. In: head: a head with the entries. page: a number below
+/* Loads a page's entry. In: head: a head with the page's block. page: a number below
  * head->page_count. */
 struct umb__page_entry umb__directory_load(const struct umb__head *head, uint32_t page);
+
+/* Finds the links of an entry, where no other process can change the block or `copy` has room for
+ * links_length bytes: then entry->links is there. */
+void umb__directory_links(const struct umb__head *head, struct umb__page_entry *entry,
+                          uint8_t *copy);
 
 /* Returns the SHA-256 of a page in the directory: uint8[UMB_ID_BYTES]. */
 const uint8_t *umb__directory_hash(const struct umb__head *head, uint32_t page);
 
-/* Returns a block's bytes. In: head: of a whole file. */
-const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block);
+/* Returns a block's bytes. Out: size: their number; 0 if the block changed since the head was
+ * parsed, and is not in the file any more. */
+const uint8_t *umb__block_view(const struct umb__head *head, uint32_t block, uint32_t *size);
 
 /* Byte range in the file of a block's pages, and the length in bytes of these pages
  * uncompressed. */
@@ -66,28 +73,30 @@ struct umb__block_extent {
 /*
  * Checks one block: its XXH3, and its pages, which must follow one another in the file.
  *
- * In:    bytes: uint8[umb__block_bytes], the block as stored in the file. head->entries may be
- *        NULL.
+ * In:    bytes: uint8[size], the block as stored in the file. The head may have no blocks.
  * Out:   extent: may be NULL.
  * Fails: E_CORRUPT, E_VERSION.
  * Trust: safe on hostile bytes.
  */
 UMB_CHECKED enum umb_status umb__block_check(const struct umb__head *head, uint32_t block,
-                                             const uint8_t *bytes, struct umb__block_extent *extent,
+                                             const uint8_t *bytes, uint32_t size,
+                                             struct umb__block_extent *extent,
                                              struct umb_error *error);
 
 /*
- * Compares a block's hash in the head with the hash of its pages' hashes.
+ * Compares a block's hash in the head with the hash of its pages' hashes and links.
  * In: bytes: as for umb__block_check. Fails: E_CORRUPT, E_NO_MEMORY (no digest could be made).
  */
 UMB_CHECKED enum umb_status umb__block_prove(const struct umb__head *head, uint32_t block,
-                                             const uint8_t *bytes, const struct umb_sha256 *sha256,
+                                             const uint8_t *bytes, uint32_t size,
+                                             const struct umb_sha256 *sha256,
                                              struct umb_error *error);
 
-/* Writes the entry of a block in the head's table. In: bytes: block with complete entries of pages.
- * Returns false if no digest could be made. */
-bool umb__block_seal(const uint8_t *bytes, size_t size, const struct umb_sha256 *sha256,
-                     uint8_t entry[UMB__BLOCK_ENTRY]);
+/* Writes the checksum and the hash of a block into its entry of the head's table. In: bytes: block
+ * with complete entries of pages. pages: number of its pages. Returns false if no digest could be
+ * made. */
+bool umb__block_seal(const uint8_t *bytes, uint32_t size, uint32_t pages,
+                     const struct umb_sha256 *sha256, uint8_t entry[UMB__BLOCK_ENTRY]);
 
 /*
  * Checks all blocks of a whole file. Pages and blocks must fill the file from the head to its end,

@@ -79,25 +79,43 @@ static enum umb_status parse_blocks(const uint8_t *bytes, struct umb__head *head
                                     struct umb_error *error)
 {
     head->page_count = umb__load32(bytes + UMB__HEAD_PAGES);
+    head->first_block = umb__load32(bytes + UMB__HEAD_FIRST_BLOCK);
     head->blocks_offset = umb__load64(bytes + UMB__HEAD_BLOCKS);
     const uint64_t pages = head->page_count, wanted = head->encoding == UMB_ENCODING_PACKED
                                                           ? umb__block_count(head->page_count)
                                                           : head->directory_count;
-    if (head->encoding == UMB_ENCODING_MAPPED ? pages != 0 || head->blocks_offset != 0
-                                              : wanted != head->directory_count) {
+    if (head->encoding == UMB_ENCODING_MAPPED
+            ? pages != 0 || head->blocks_offset != 0 || head->first_block != 0
+            : wanted != head->directory_count || head->first_block > UMB__BLOCK_BYTES_MAX) {
         return umb_fail(error, UMB_E_CORRUPT, "pages: %llu do not fit %u directory entries",
                         (unsigned long long)pages, head->directory_count);
     }
-    const uint64_t first = head->head_length + umb__block_bytes(head->page_count, 0);
-    const uint64_t others = umb__other_blocks_bytes(head->page_count);
-    const bool fits = first <= head->file_length && others <= head->file_length - first;
-    const bool placed = others == 0 ? head->blocks_offset == 0
-                                    : head->blocks_offset >= first &&
-                                          head->blocks_offset <= head->file_length - others;
+    return UMB_OK;
+}
+
+/* Checks the ends of the blocks: each block has room for its entries, and all fit the file. */
+static enum umb_status check_blocks(const struct umb__head *head, struct umb_error *error)
+{
+    const uint64_t length = head->file_length;
+    uint64_t end = 0, first = 0;
+    bool fits = true;
+    for (uint32_t block = 0; block < head->directory_count && fits; block++) {
+        const uint64_t before = end, least = umb__block_entry_bytes(head->page_count, block);
+        end = umb__load64(head->directory + (size_t)block * UMB__BLOCK_ENTRY + UMB__BLOCK_END);
+        fits = end >= before && end - before >= least && end - before <= UMB__BLOCK_BYTES_MAX &&
+               end <= length;
+        first = block == 0 ? end : first;
+    }
+    fits = fits && first == head->first_block && first <= length - head->head_length;
+    const uint64_t others = end - first;
+    const bool placed = others == 0
+                            ? head->blocks_offset == 0
+                            : head->blocks_offset >= head->head_length + first &&
+                                  others <= length && head->blocks_offset <= length - others;
     return fits && placed ? UMB_OK
                           : umb_fail(error, UMB_E_CORRUPT,
-                                     "directory: the blocks of %llu pages do not fit the file",
-                                     (unsigned long long)pages);
+                                     "directory: the blocks of %u pages do not fit the file",
+                                     head->page_count);
 }
 
 /* Parses and checks lengths. In: front: true if the bytes may be only the front of the file. */
@@ -144,7 +162,7 @@ static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, stru
         return umb_fail(error, UMB_E_CORRUPT, "head: checksum does not match");
     }
     static const uint8_t zeros[UMB__HEAD_CHECK - UMB__HEAD_ZERO];
-    if (umb__load32(bytes + UMB__HEAD_FLAGS) != 0 || umb__load32(bytes + UMB__HEAD_ZERO_1) != 0 ||
+    if (umb__load32(bytes + UMB__HEAD_FLAGS) != 0 ||
         memcmp(bytes + UMB__HEAD_ZERO, zeros, sizeof zeros) != 0) {
         return umb_fail(error, UMB_E_VERSION, "head: reserved fields are used by a newer writer");
     }
@@ -152,11 +170,8 @@ static enum umb_status parse(const uint8_t *bytes, size_t size, bool front, stru
     head->canonical = bytes + UMB__HEAD_SIZE;
     head->directory = head->canonical + head->canonical_length;
     head->info = head->directory + (size_t)head->directory_count * entry_size_of(head->encoding);
-    if (!front && head->page_count > 0) {
-        head->entries[0] = bytes + head->head_length;
-        head->entries[1] = bytes + head->blocks_offset;
-    }
-    return UMB_OK;
+    head->file = front ? NULL : bytes;
+    return head->encoding == UMB_ENCODING_PACKED ? check_blocks(head, error) : UMB_OK;
 }
 
 enum umb_status umb__head_parse(const uint8_t *bytes, size_t size, struct umb__head *head,
@@ -188,7 +203,12 @@ enum umb_status umb_file_read_head(const void *front, size_t size, struct umb_fi
     facts->file_bytes = head.file_length;
     facts->open_bytes = head.head_length;
     if (head.encoding == UMB_ENCODING_PACKED) {
-        facts->open_bytes += umb__block_bytes(umb__load32(bytes + UMB__HEAD_PAGES), 0);
+        const uint32_t first = umb__load32(bytes + UMB__HEAD_FIRST_BLOCK);
+        facts->open_bytes += first;
+        if (first > UMB__BLOCK_BYTES_MAX) {
+            return umb_fail(error, UMB_E_CORRUPT, "directory: block 0 takes %u bytes, at most %u",
+                            first, UMB__BLOCK_BYTES_MAX);
+        }
     }
     return UMB_OK;
 }
@@ -209,6 +229,7 @@ uint8_t *umb__head_make(const struct umb__head *head, const struct umb_alloc *al
     umb__store32(bytes + UMB__HEAD_DIRECTORY_COUNT, head->directory_count);
     umb__store32(bytes + UMB__HEAD_INFO_LENGTH, head->info_length);
     umb__store32(bytes + UMB__HEAD_PAGES, head->page_count);
+    umb__store32(bytes + UMB__HEAD_FIRST_BLOCK, head->first_block);
     umb__store64(bytes + UMB__HEAD_BLOCKS, head->blocks_offset);
     memcpy(bytes + UMB__HEAD_ID, head->id, UMB_ID_BYTES);
     uint8_t *at = bytes + UMB__HEAD_SIZE;

@@ -13,11 +13,14 @@ struct umb__head {
     uint64_t canonical_length;
     const uint8_t *directory; /* Table of blocks (packed) or sections (mapped) */
     uint32_t directory_count;
-    uint32_t page_count;       /* Number of pages of a packed file, else 0 */
-    uint64_t blocks_offset;    /* Offset of the second block of page entries; 0: one block or
+    uint32_t page_count;    /* Number of pages of a packed file, else 0 */
+    uint32_t first_block;   /* Length in bytes of the first block; 0: no pages */
+    uint64_t blocks_offset; /* Offset of the second block of page entries; 0: one block or
                                   none */
-    const uint8_t *entries[2]; /* Entries of pages: one array for the first block, and one for all
-                                  other blocks. NULL after umb__head_parse_front */
+    /* The blocks: bytes of the whole file, or the address of each block. Both are NULL from
+     * umb__head_parse_front. */
+    const uint8_t *file;
+    const uint8_t *const *blocks; /* [directory_count] */
     const uint8_t *info;
     uint32_t info_length;
     uint8_t id[UMB_ID_BYTES];

@@ -5,18 +5,18 @@
  * Offsets and numbers of the file formats; docs/reference/umb-format.md is the normative text.
  *
  * Both files begin with a head, contiguous and checked by one XXH3-64. In a packed file every
- * UMB__BLOCK_PAGES pages have a block of entries. The head has a table of these blocks. The first
- * block follows the head, the others follow the first block's pages.
+ * UMB__BLOCK_PAGES pages have a block: their entries, then their links. The head has a table of
+ * these blocks. The first block follows the head, the others follow the first block's pages.
  */
 #include <stdint.h>
 
 #define UMB__MAGIC_PACKED    "\x89UMB\r\n\x1a\n"
 #define UMB__MAGIC_MAPPED    "\x89UMM\r\n\x1a\n"
 #define UMB__MAGIC_PARTIAL   "\x89UMP\r\n\x1a\n"
-#define UMB__VERSION_PACKED  2U /* Major version; 1 had one list of all pages */
+#define UMB__VERSION_PACKED  3U /* Major version; pages of 2 named other pages by number */
 #define UMB__VERSION_MAPPED  3U /* Major version; 1 had nodes without gaps, 2 had no columns */
 #define UMB__VERSION_MINOR   0U
-#define UMB__VERSION_PARTIAL 2U
+#define UMB__VERSION_PARTIAL 3U
 
 /* Head: magic at 0, then these fields, then canonical block, directory and info without gaps. */
 enum {
@@ -30,19 +30,20 @@ enum {
     UMB__HEAD_INFO_LENGTH = 44,      /* u32 */
     UMB__HEAD_ID = 48,               /* SHA-256 of the canonical block and the block hashes */
     UMB__HEAD_PAGES = 80,            /* u32, pages of a packed file, else 0 */
-    UMB__HEAD_ZERO_1 = 84,           /* u32 */
+    UMB__HEAD_FIRST_BLOCK = 84,      /* u32, length of the first block of a packed file, or 0 */
     UMB__HEAD_BLOCKS = 88,           /* u64, offset of the second block, or 0; others follow it */
     UMB__HEAD_ZERO = 96,             /* 24 bytes */
     UMB__HEAD_CHECK = 120,           /* u64, XXH3-64 of head bytes [0,120) and [128, head length) */
     UMB__HEAD_SIZE = 128,
 };
 
-/* Directory entry of a packed file: one block of page entries. */
+/* Directory entry of a packed file: one block of page entries and links. */
 enum {
     UMB__BLOCK_CHECK = 0, /* u64, XXH3-64 of the block's bytes */
-    UMB__BLOCK_HASH = 8,  /* SHA-256 of the SHA-256s of its pages */
-    UMB__BLOCK_ENTRY = 40,
-    UMB__BLOCK_PAGES = 64, /* Pages of a block; the last block may have fewer */
+    UMB__BLOCK_END = 8,   /* u64, bytes of the blocks up to and including this one */
+    UMB__BLOCK_HASH = 16, /* SHA-256 of the SHA-256s of its pages, then its links */
+    UMB__BLOCK_ENTRY = 48,
+    UMB__BLOCK_PAGES = 32, /* Pages of a block; the last block may have fewer */
 };
 
 /* Page entry in a block. */
@@ -53,7 +54,7 @@ enum {
     UMB__PAGE_CHECK = 16,        /* u64, XXH3-64 of the stored bytes */
     UMB__PAGE_LEVEL_HIGH = 24,   /* u8 */
     UMB__PAGE_LEVEL_LOW = 25,    /* u8 */
-    UMB__PAGE_ZERO = 26,         /* u16 */
+    UMB__PAGE_LINKS = 26,        /* u16, length of the page's links in the block */
     UMB__PAGE_RECORDS = 28,      /* u32, nodes and bricks in the page */
     UMB__PAGE_HASH = 32,         /* SHA-256 of the raw bytes */
     UMB__PAGE_ENTRY = 64,
@@ -109,16 +110,23 @@ enum {
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U
 
-#define UMB__PAGE_ENCODING 2U         /* Encoding 1 wrote every reference, in whole bytes */
-#define UMB__PAGE_RAW_MAX  (1U << 20) /* Bytes of the longest page, uncompressed */
-/* Estimated bytes at which the writer closes a page. The number is small, since a thin client needs
- * only some nodes of each page (docs/results/paging.md has the effects of other sizes). */
-#define UMB__PAGE_RAW_TARGET (8U << 10)
-#define UMB__CANONICAL_MAX   (64U << 20)
-#define UMB__INFO_MAX        (1U << 20)
-#define UMB__TEXT_MAX        (4U << 20) /* Bytes of the plan, and of the settings */
-#define UMB__SECTION_ALIGN   4096U
-#define UMB__GRID_LOG2_MAX   7U
+#define UMB__PAGE_ENCODING                                                                         \
+    3U                              /* Encoding 2 named other pages by number, 1 also wrote every
+                                         reference */
+#define UMB__PAGE_LINKS_MAX  65535U /* Links of a page, each of at least a byte */
+#define UMB__BLOCK_BYTES_MAX (UMB__BLOCK_PAGES * (UMB__PAGE_ENTRY + 65535U))
+#define UMB__PAGE_RAW_MAX    (1U << 20) /* Bytes of the longest page, uncompressed */
+/* Most estimated bytes of a page: few, since a thin client needs only some nodes of each page
+ * (docs/results/paging.md has the effects of other sizes). Pages are larger in octrees that share
+ * many nodes: if copies take more than COPIES_MAX times the bytes of the nodes. */
+#define UMB__PAGE_BYTES        7168U
+#define UMB__PAGE_BYTES_SHARED 98304U
+#define UMB__PAGE_COPIES_MAX   2.0
+#define UMB__CANONICAL_MAX     (64U << 20)
+#define UMB__INFO_MAX          (1U << 20)
+#define UMB__TEXT_MAX          (4U << 20) /* Bytes of the plan, and of the settings */
+#define UMB__SECTION_ALIGN     4096U
+#define UMB__GRID_LOG2_MAX     7U
 
 /* Wide levels of the mapped layout: 5, 7, ... 19. */
 #define UMB__WIDE_FIRST 5U

@@ -87,8 +87,14 @@ static enum umb_status parse_pages(struct reader *r, int check, uint64_t raw_tot
         struct umb__page_entry entry = umb__directory_load(r->head, page);
         UMB__TRY(expand(r->zstd, r->file, r->head, &entry, check, r->raw + used, raw_total - used,
                         r->error));
+        /* The room behind a page is that of its links, as umb__directory_check counted them. */
+        if (entry.links_length > raw_total - used - entry.raw_length) {
+            return umb_fail(r->error, UMB_E_CORRUPT, "directory: page %u changed while it was read",
+                            page);
+        }
+        umb__directory_links(r->head, &entry, r->raw + used + entry.raw_length);
         UMB__TRY(umb__page_open(r->raw + used, &entry, &r->pages[page], r->error));
-        used += entry.raw_length;
+        used += entry.raw_length + entry.links_length;
         for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
             r->first[page][level] = (uint32_t)totals[level];
             totals[level] += r->pages[page].node_count[level];
@@ -419,7 +425,9 @@ static enum umb_status prove_pages(const uint8_t *file, const struct umb__head *
     enum umb_status status = UMB_OK;
     UMB__TRY(umb__directory_check(head, &raw_total, error));
     for (uint32_t block = 0; block < head->directory_count; block++) {
-        UMB__TRY(umb__block_prove(head, block, umb__block_view(head, block), sha256, error));
+        uint32_t size;
+        const uint8_t *bytes = umb__block_view(head, block, &size);
+        UMB__TRY(umb__block_prove(head, block, bytes, size, sha256, error));
     }
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
     struct batch batch = {.raw = umb__alloc(NULL, UMB__PAGE_RAW_MAX, 1)};

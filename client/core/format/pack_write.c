@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Writes a packed asset: makes the pages first, then writes the head and the pages. Helper threads
- * share the pages, in jobs of UMB__DIGESTS pages each. Only one thread at a time orders pages.
+ * Writes a packed asset: cuts the tree, makes the pages, then writes the head and the pages. Helper
+ * threads share the pages. A page names those below it by links, so all pages of a round can be
+ * made before the pages of the next round are numbered.
  */
 #include <stdbool.h>
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
-#include <zstd_errors.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
@@ -15,21 +15,11 @@
 #include "base/utf8.h"
 #include "format/canonical.h"
 #include "format/directory.h"
-#include "format/pack_order.h"
+#include "format/pack_cut.h"
+#include "format/page_compress.h"
 
-/*
- * Compression settings of pages. Pages are short, so tables that fit the L1 cache find as many
- * matches as large ones. In pages with references mostly neighbours are alike: tables of 512
- * entries give no more bytes than tables of 4096, in a quarter less time. zstd's level 6 would save
- * 5 % and take three times as long (docs/results/bakes.md). Compression is outside the identity, so
- * it may change.
- */
-#define TABLE_LOG2_ALONE  12
-#define TABLE_LOG2_REFERS 9
-#define SHORTEST_MATCH    4
-
-/* Number of pages that a round orders for each worker thread. */
-#define STEP_PAGES (2 * UMB__DIGESTS)
+/* Most pages of a file: differences of their numbers have 32 bits. */
+#define PAGES_MAX ((uint32_t)INT32_MAX)
 
 /* A block of memory for compressed pages, one behind the other. */
 struct chunk {
@@ -59,29 +49,40 @@ struct worker {
     struct umb_error error;
 };
 
+/* A page that is made. */
+struct made {
+    uint8_t *stored;                  /* Compressed page, whose length is in the entry */
+    const struct umb__node_ref *cuts; /* [cut_count] Cut nodes that it links to */
+    size_t cut_count;
+    const uint8_t *links; /* [links_length] Its links, as the directory has them */
+    uint32_t links_length;
+};
+
 /*
- * A file under way. All pages are ordered, encoded, compressed and hashed; then they wait in
- * memory, because the head in front of them holds their hashes.
+ * A file under way. All pages are encoded, compressed and hashed; then they wait in memory, because
+ * the head in front of them holds their hashes.
  */
 struct writer {
     const struct umb__pack_job *job;
     const struct umb_alloc *alloc;
     struct umb_error *error;
-    struct umb__pack_order order;
-    struct umb__pack_ordering *ordering;
-    uint8_t **stored; /* [order.page_count] Compressed pages, whose lengths are in the entries */
-    uint8_t *entries; /* [order.page_count * UMB__PAGE_ENTRY] Entries of the directory, complete
-                         except for the offsets of the pages in the file */
-    size_t stored_capacity, entries_capacity; /* Pages that the arrays have room for */
-    struct worker *workers;                   /* [worker_count] */
+    struct umb__pack_survey survey;
+    struct umb__pack_cuts cuts;
+    struct umb__pack_page *pages; /* [page_count] Pages in the order of the file */
+    struct made *made;            /* [page_count] */
+    uint8_t *entries; /* [page_count * UMB__PAGE_ENTRY] Entries of the directory, complete except
+                         for the offsets of the pages in the file */
+    uint32_t page_count;
+    size_t pages_capacity, made_capacity, entries_capacity; /* In pages */
+    /* [count of the level] Number of the first page of each cut node that has pages; else 0. */
+    uint32_t *first_page[UMB_LEVEL_MAX + 1];
+    struct worker *workers; /* [worker_count] */
     unsigned worker_count;
-    uint32_t step;           /* Number of pages that a round orders */
-    bool orders;             /* True if this round orders pages */
-    enum umb_status ordered; /* Status of ordering */
-    uint32_t done, ready;    /* Numbers of finished and of ordered pages */
-    uint32_t alone;          /* Number of independent pages among the ordered ones */
-    uint8_t *blocks;         /* [block count * UMB__BLOCK_ENTRY] Table of blocks */
-    uint8_t *canonical;      /* [canonical_length] Canonical block */
+    uint32_t done, ready; /* Numbers of finished pages, and of those of this round */
+    uint8_t *table;       /* [block count * UMB__BLOCK_ENTRY] Table of blocks */
+    uint8_t *blocks;      /* [blocks_length] Blocks of the directory */
+    size_t blocks_length;
+    uint8_t *canonical; /* [canonical_length] Canonical block */
     uint64_t canonical_length;
 };
 
@@ -116,19 +117,15 @@ static enum umb_status compress_page(const struct writer *w, struct worker *work
                                      size_t *stored_length)
 {
     const struct umb__page_encoder *e = &worker->encoder;
-    const size_t bound = ZSTD_compressBound(e->raw_size);
+    const size_t bound = umb__page_compress_bound(e);
     if (!make_room(w->alloc, worker, bound)) {
         return no_memory(&worker->error);
     }
     struct chunk *chunk = worker->chunks;
     uint8_t *stored = chunk->bytes + chunk->used;
-    const size_t length = ZSTD_compress2(worker->zstd, stored, bound, e->raw, e->raw_size);
-    if (ZSTD_isError(length)) {
-        const bool memory = ZSTD_getErrorCode(length) == ZSTD_error_memory_allocation;
-        return umb_fail(&worker->error, memory ? UMB_E_NO_MEMORY : UMB_E_INTERNAL,
-                        "packing: zstd: %s", ZSTD_getErrorName(length));
-    }
-    w->stored[page] = stored;
+    size_t length = 0;
+    UMB__TRY(umb__page_compress(worker->zstd, e, stored, &length, &worker->error));
+    w->made[page].stored = stored;
     chunk->used += length;
     *stored_length = length;
     return UMB_OK;
@@ -144,6 +141,26 @@ static void keep_raw(struct umb__page_encoder *e, struct raw_page *raw)
     e->raw_capacity = before.capacity;
 }
 
+/* Keeps the list of the cut nodes of the encoded page. */
+static enum umb_status keep_cuts(const struct writer *w, struct worker *worker, uint32_t page)
+{
+    const struct umb__page_encoder *e = &worker->encoder;
+    const size_t bytes = e->cut_count * sizeof *e->cuts, align = sizeof *e->cuts;
+    if (e->cut_count == 0) {
+        return UMB_OK;
+    }
+    if (!make_room(w->alloc, worker, bytes + align)) {
+        return no_memory(&worker->error);
+    }
+    struct chunk *chunk = worker->chunks;
+    chunk->used += (align - chunk->used % align) % align;
+    memcpy(chunk->bytes + chunk->used, e->cuts, bytes);
+    w->made[page].cuts = (const void *)(chunk->bytes + chunk->used);
+    w->made[page].cut_count = e->cut_count;
+    chunk->used += bytes;
+    return UMB_OK;
+}
+
 /* Encodes and compresses a page, and writes the page's entry without the hash. In: number: index of
  * the page in its job. */
 static enum umb_status write_page(const struct writer *w, struct worker *worker, uint32_t page,
@@ -151,13 +168,14 @@ static enum umb_status write_page(const struct writer *w, struct worker *worker,
 {
     struct umb__page_encoder *e = &worker->encoder;
     size_t length = 0;
-    UMB__TRY(umb__page_encode(e, w->job->octree, &w->order, page, &worker->error));
+    UMB__TRY(umb__page_encode(e, &w->cuts, &w->pages[page], &worker->error));
     UMB__TRY(compress_page(w, worker, page, &length));
+    UMB__TRY(keep_cuts(w, worker, page));
     uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
     memset(entry, 0, UMB__PAGE_ENTRY);
     umb__store32(entry + UMB__PAGE_STORED_LENGTH, (uint32_t)length);
     umb__store32(entry + UMB__PAGE_RAW_LENGTH, (uint32_t)e->raw_size);
-    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(w->stored[page], length));
+    umb__store64(entry + UMB__PAGE_CHECK, XXH3_64bits(w->made[page].stored, length));
     entry[UMB__PAGE_LEVEL_HIGH] = e->raw[1];
     entry[UMB__PAGE_LEVEL_LOW] = e->raw[2];
     umb__store32(entry + UMB__PAGE_RECORDS, e->node_count);
@@ -187,13 +205,6 @@ static enum umb_status hash_pages(const struct writer *w, struct worker *worker,
     return UMB_OK;
 }
 
-/* Returns the number of the page that is made in turn `turn`. Independent pages take the first
- * turns: they are ordered last, but each can be encoded as soon as it is ordered. */
-static uint32_t page_of_turn(const struct umb__pack_order *order, uint32_t alone, uint32_t turn)
-{
-    return turn < alone ? order->alone_from + turn : turn - alone;
-}
-
 /* Makes the pages of a job and hashes them together. After a failure a worker skips its further
  * jobs. */
 static void encode_pages(const struct writer *w, uint32_t job, unsigned number)
@@ -206,7 +217,7 @@ static void encode_pages(const struct writer *w, uint32_t job, unsigned number)
         worker->status = umb_fail(&worker->error, UMB_E_CANCELLED, "packing: cancelled");
     }
     for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
-        pages[i] = page_of_turn(&w->order, w->alone, first + i);
+        pages[i] = first + i;
         worker->status = write_page(w, worker, pages[i], i);
     }
     if (worker->status == UMB_OK) {
@@ -214,40 +225,10 @@ static void encode_pages(const struct writer *w, uint32_t job, unsigned number)
     }
 }
 
-/* Runs one job of a round. The first job orders the pages of the next round; the other jobs make
- * the pages already ordered. */
+/* Runs one job of a round. */
 static void round_job(void *user, uint32_t job, unsigned number)
 {
-    struct writer *w = user;
-    if (!w->orders) {
-        encode_pages(w, job, number);
-    } else if (job > 0) {
-        encode_pages(w, job - 1, number);
-    } else {
-        w->ordered = umb__pack_order_step(w->ordering, w->step);
-    }
-}
-
-/* Makes a zstd context. In: alone: true if the order has independent pages. */
-static ZSTD_CCtx *compressor_create(bool alone)
-{
-    const struct {
-        ZSTD_cParameter name;
-        int value;
-    } settings[] = {
-        {ZSTD_c_compressionLevel, 1},
-        {ZSTD_c_strategy, ZSTD_fast},
-        {ZSTD_c_hashLog, alone ? TABLE_LOG2_ALONE : TABLE_LOG2_REFERS},
-        {ZSTD_c_minMatch, SHORTEST_MATCH},
-    };
-    ZSTD_CCtx *zstd = ZSTD_createCCtx();
-    for (size_t i = 0; zstd && i < sizeof settings / sizeof settings[0]; i++) {
-        if (ZSTD_isError(ZSTD_CCtx_setParameter(zstd, settings[i].name, settings[i].value))) {
-            ZSTD_freeCCtx(zstd);
-            zstd = NULL;
-        }
-    }
-    return zstd;
+    encode_pages(user, job, number);
 }
 
 static enum umb_status create_workers(struct writer *w)
@@ -255,71 +236,138 @@ static enum umb_status create_workers(struct writer *w)
     w->workers = umb__alloc_zeroed(w->alloc, w->worker_count, sizeof *w->workers);
     bool complete = w->workers != NULL;
     for (unsigned i = 0; complete && i < w->worker_count; i++) {
-        w->workers[i].zstd = compressor_create(w->order.alone_from != UINT32_MAX);
+        w->workers[i].zstd = umb__page_compressor();
         complete = w->workers[i].zstd != NULL;
     }
     return complete ? UMB_OK : no_memory(w->error);
 }
 
-/* Makes room for the pages that the round makes and, with helpers, for those that it orders. */
-static enum umb_status begin_round(struct writer *w)
+static enum umb_status end_round(const struct writer *w)
 {
-    const uint32_t count = w->order.page_count;
-    const bool complete = umb__pack_order_complete(w->ordering);
-    w->alone = w->order.alone_from < count ? count - w->order.alone_from : 0;
-    w->ready = complete ? count : w->alone - (w->alone - w->done) % UMB__DIGESTS;
-    w->orders = !complete;
-    if (!umb__grow(w->alloc, &w->stored, &w->stored_capacity, count, sizeof *w->stored) ||
-        !umb__grow(w->alloc, &w->entries, &w->entries_capacity, count, UMB__PAGE_ENTRY)) {
-        return no_memory(w->error);
-    }
-    return w->orders && w->job->workers ? umb__pack_order_reserve(w->ordering, w->step) : UMB_OK;
-}
-
-static enum umb_status end_round(struct writer *w)
-{
-    w->done = w->ready;
-    for (unsigned i = 0; i < w->worker_count && w->ordered == UMB_OK; i++) {
+    for (unsigned i = 0; i < w->worker_count; i++) {
         const struct worker *worker = &w->workers[i];
         if (worker->status != UMB_OK) {
             return umb_fail(w->error, worker->status, "%s", worker->error.message);
         }
     }
-    return w->ordered;
+    return UMB_OK;
 }
 
-/* Makes the pages round by round. One thread orders independent pages while the others make those
- * ordered in the round before. Rounds are short, because no page is made in the first one. */
+/* Appends the pages of a cut node. */
+static enum umb_status add_pages(struct writer *w, struct umb__node_ref node, uint32_t count)
+{
+    if (w->page_count > PAGES_MAX - count) {
+        return umb_fail(w->error, UMB_E_TOO_LARGE, "packing: more than %u pages", PAGES_MAX);
+    }
+    if (!umb__grow(w->alloc, &w->pages, &w->pages_capacity, (size_t)w->page_count + count,
+                   sizeof *w->pages)) {
+        return no_memory(w->error);
+    }
+    w->first_page[node.level][node.index] = w->page_count;
+    for (uint32_t part = 0; part < count; part++) {
+        w->pages[w->page_count++] = (struct umb__pack_page){node.level, node.index, part};
+    }
+    return UMB_OK;
+}
+
+/* Writes the links of a page, and appends the pages that it is the first to link to. */
+static enum umb_status link_page(struct writer *w, uint32_t page)
+{
+    struct worker *worker = &w->workers[0];
+    struct made *made = &w->made[page];
+    const size_t most = 8 * UMB__NUMBER_BYTES_MAX * made->cut_count;
+    uint32_t last = UINT32_MAX;
+    if (made->cut_count == 0) {
+        return UMB_OK;
+    }
+    if (!make_room(w->alloc, worker, most)) {
+        return no_memory(w->error);
+    }
+    uint8_t *links = worker->chunks->bytes + worker->chunks->used, *at = links;
+    for (size_t i = 0; i < made->cut_count; i++) {
+        const struct umb__node_ref node = made->cuts[i];
+        const uint32_t count = umb__part_count(umb__pack_parts(&w->cuts, node.level, node.index));
+        if (w->first_page[node.level][node.index] == 0) {
+            UMB__TRY(add_pages(w, node, count));
+        }
+        for (uint32_t part = 0; part < count; part++) {
+            const uint32_t number = w->first_page[node.level][node.index] + part;
+            at = umb__put_number(at, umb__fold((int64_t)number - (uint32_t)(last + 1)));
+            last = number;
+        }
+    }
+    made->links = links;
+    made->links_length = (uint32_t)(at - links);
+    worker->chunks->used += made->links_length;
+    if (made->links_length > UINT16_MAX) {
+        return umb_fail(w->error, UMB_E_INTERNAL, "packing: page %u: %u bytes of links, at most %u",
+                        page, made->links_length, UINT16_MAX);
+    }
+    umb__store16(w->entries + (size_t)page * UMB__PAGE_ENTRY + UMB__PAGE_LINKS,
+                 (uint16_t)made->links_length);
+    return UMB_OK;
+}
+
+/* Makes the pages round by round: first those of the roots, then in each round the pages to which
+ * those of the round before link. */
 static enum umb_status make_rounds(struct writer *w)
 {
     const struct umb_workers *workers = w->job->workers;
-    while (!umb__pack_order_complete(w->ordering) || w->done < w->order.page_count) {
-        UMB__TRY(begin_round(w));
+    for (; w->done < w->page_count; w->done = w->ready) {
+        w->ready = w->page_count;
+        if (!umb__grow(w->alloc, &w->made, &w->made_capacity, w->ready, sizeof *w->made) ||
+            !umb__grow(w->alloc, &w->entries, &w->entries_capacity, w->ready, UMB__PAGE_ENTRY)) {
+            return no_memory(w->error);
+        }
+        memset(w->made + w->done, 0, (w->ready - w->done) * sizeof *w->made);
         const uint32_t count = w->ready - w->done;
-        const uint32_t jobs = w->orders + count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
+        const uint32_t jobs = count / UMB__DIGESTS + (count % UMB__DIGESTS > 0);
         if (workers) {
             workers->run(workers->user, round_job, w, jobs);
         } else {
-            for (uint32_t job = jobs; job-- > 0;) { /* The last pages are still in the
-                                                       cache */
+            for (uint32_t job = 0; job < jobs; job++) {
                 round_job(w, job, 0);
             }
         }
         UMB__TRY(end_round(w));
+        for (uint32_t page = w->done; page < w->ready; page++) {
+            UMB__TRY(link_page(w, page));
+        }
     }
+    return UMB_OK;
+}
+
+/* Begins with the pages of the roots. */
+static enum umb_status begin_pages(struct writer *w)
+{
+    const struct umb__octree *octree = w->job->octree;
+    w->page_count = w->cuts.top_count;
+    bool complete = umb__grow(w->alloc, &w->pages, &w->pages_capacity, (size_t)w->page_count + 1,
+                              sizeof *w->pages);
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX && complete; level++) {
+        if (w->cuts.parts[level]) {
+            const size_t count = (size_t)octree->level[level].count + 1;
+            w->first_page[level] = umb__alloc_zeroed(w->alloc, count, sizeof *w->first_page[level]);
+            complete = w->first_page[level] != NULL;
+        }
+    }
+    if (!complete) {
+        return no_memory(w->error);
+    }
+    memcpy(w->pages, w->cuts.tops, w->page_count * sizeof *w->pages);
     return UMB_OK;
 }
 
 static enum umb_status make_pages(struct writer *w)
 {
+    const struct umb__octree *octree = w->job->octree;
     w->worker_count = w->job->workers ? w->job->workers->count : 1;
-    w->step = STEP_PAGES * w->worker_count;
-    enum umb_status status = umb__pack_order_begin(
-        w->job->octree, w->job->workers, w->job->never_copies, &w->order, &w->ordering, w->error);
-    status = status == UMB_OK ? create_workers(w) : status;
-    status = status == UMB_OK ? make_rounds(w) : status;
-    umb__pack_ordering_destroy(w->ordering);
-    return status;
+    UMB__TRY(umb__pack_survey(octree, &w->survey, w->error));
+    UMB__TRY(
+        umb__pack_cut(octree, &w->survey, w->job->workers, w->job->page_bytes, &w->cuts, w->error));
+    UMB__TRY(begin_pages(w));
+    UMB__TRY(create_workers(w));
+    return make_rounds(w);
 }
 
 static void worker_finish(struct worker *worker, const struct umb_alloc *alloc)
@@ -337,73 +385,136 @@ static void worker_finish(struct worker *worker, const struct umb_alloc *alloc)
 
 /* --- file ------------------------------------------------------------------------------------- */
 
+/* Finds the places of the roots of one page: equal roots are one node. */
+static bool place_roots(const struct writer *w, uint32_t page, struct umb__value_set *met,
+                        uint32_t *positions, struct umb__packed_root *places)
+{
+    const struct umb__pack_page *top = &w->pages[page];
+    uint32_t next[UMB_LEVEL_MAX + 1] = {0};
+    if (!umb__value_set_begin(met, w->alloc, top->part)) {
+        return false;
+    }
+    for (uint32_t i = top->node; i < top->node + top->part; i++) {
+        const struct umb__octree_root *root = &w->job->octree->roots[i];
+        if (root->state == UMB__NODE_MIXED) {
+            const size_t before = met->count;
+            const uint32_t number =
+                umb__value_set_add(met, (uint64_t)root->level << 32 | root->index);
+            if (number == before) {
+                positions[number] = next[root->level]++;
+            }
+            places[i].page = page;
+            places[i].position = positions[number];
+        }
+    }
+    return true;
+}
+
 /* Encodes the canonical block: the content, the counts of nodes, and the places of the roots. */
 static enum umb_status encode_canonical(struct writer *w)
 {
     const struct umb__content *content = w->job->content;
     struct umb__canonical canonical = {.content = *content};
-    memcpy(canonical.counts, w->order.counts, sizeof canonical.counts);
+    struct umb__value_set met = {0};
+    memcpy(canonical.counts, w->survey.counts, sizeof canonical.counts);
     canonical.roots = umb__alloc_zeroed(w->alloc, content->frustum_count, sizeof *canonical.roots);
-    if (!canonical.roots) {
-        return no_memory(w->error);
+    uint32_t *positions =
+        umb__alloc(w->alloc, (size_t)content->frustum_count + 1, sizeof *positions);
+    bool complete = canonical.roots && positions;
+    for (uint32_t i = 0; i < content->frustum_count && complete; i++) {
+        canonical.roots[i].state = (uint32_t)w->job->octree->roots[i].state;
     }
-    for (uint32_t i = 0; i < content->frustum_count; i++) {
-        const struct umb__octree_root *root = &w->job->octree->roots[i];
-        canonical.roots[i].state = (uint32_t)root->state;
-        if (root->state == UMB__NODE_MIXED) {
-            const struct umb__node_place place = umb__pack_place(
-                &w->order, root->level, w->order.ordinals[root->level][root->index]);
-            canonical.roots[i].page = place.page;
-            canonical.roots[i].position = place.position;
-        }
+    for (uint32_t page = 0; page < w->cuts.top_count && complete; page++) {
+        complete = place_roots(w, page, &met, positions, canonical.roots);
     }
-    enum umb_status status =
-        umb__canonical_encode(&canonical, w->alloc, &w->canonical, &w->canonical_length, w->error);
+    const enum umb_status status = complete
+                                       ? umb__canonical_encode(&canonical, w->alloc, &w->canonical,
+                                                               &w->canonical_length, w->error)
+                                       : no_memory(w->error);
+    umb__value_set_finish(&met, w->alloc);
+    umb__free(w->alloc, positions);
     umb__free(w->alloc, canonical.roots);
     return status;
+}
+
+/* Makes the blocks: entries, then links. The offsets of the pages are still missing. */
+static bool make_blocks(struct writer *w)
+{
+    const uint32_t count = w->page_count;
+    for (uint32_t page = 0; page < count; page++) {
+        w->blocks_length += UMB__PAGE_ENTRY + w->made[page].links_length;
+    }
+    w->table = umb__alloc_zeroed(w->alloc, umb__block_count(count), UMB__BLOCK_ENTRY);
+    w->blocks = umb__alloc(w->alloc, w->blocks_length, 1);
+    if (!w->table || !w->blocks) {
+        return false;
+    }
+    uint8_t *at = w->blocks;
+    for (uint32_t block = 0; block < umb__block_count(count); block++) {
+        const uint32_t first = block * UMB__BLOCK_PAGES;
+        const uint32_t entries = umb__block_entry_bytes(count, block);
+        memcpy(at, w->entries + (size_t)first * UMB__PAGE_ENTRY, entries);
+        at += entries;
+        for (uint32_t i = first; i < first + entries / UMB__PAGE_ENTRY; i++) {
+            if (w->made[i].links_length > 0) {
+                memcpy(at, w->made[i].links, w->made[i].links_length);
+                at += w->made[i].links_length;
+            }
+        }
+        umb__store64(w->table + (size_t)block * UMB__BLOCK_ENTRY + UMB__BLOCK_END,
+                     (uint64_t)(at - w->blocks));
+    }
+    return true;
+}
+
+/* Returns the offset of the end of a block in `blocks`. */
+static size_t block_end(const struct writer *w, uint32_t block)
+{
+    return (size_t)umb__load64(w->table + (size_t)block * UMB__BLOCK_ENTRY + UMB__BLOCK_END);
 }
 
 /* Computes the places of pages and blocks, and the checksums and hashes of the blocks. Returns
  * false if no digest could be made. */
 static bool lay_out(struct writer *w, struct umb__head *head)
 {
-    const uint32_t count = w->order.page_count;
-    head->file_length = head->head_length + umb__block_bytes(count, 0);
-    for (uint32_t page = 0; page < count; page++) {
-        uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
-        if (page == UMB__BLOCK_PAGES) {
-            head->blocks_offset = head->file_length;
-            head->file_length += umb__other_blocks_bytes(count);
-        }
-        umb__store64(entry + UMB__PAGE_OFFSET, head->file_length);
-        head->file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
-    }
     bool sealed = true;
+    head->first_block = w->page_count > 0 ? (uint32_t)block_end(w, 0) : 0;
+    head->file_length = head->head_length + head->first_block;
     for (uint32_t block = 0; block < head->directory_count; block++) {
-        sealed = umb__block_seal(w->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY,
-                                 umb__block_bytes(count, block), w->job->sha256,
-                                 w->blocks + (size_t)block * UMB__BLOCK_ENTRY) &&
+        uint8_t *bytes = w->blocks + (block > 0 ? block_end(w, block - 1) : 0);
+        const uint32_t size = (uint32_t)(w->blocks + block_end(w, block) - bytes);
+        const uint32_t pages = umb__block_entry_bytes(w->page_count, block) / UMB__PAGE_ENTRY;
+        if (block == 1) {
+            head->blocks_offset = head->file_length;
+            head->file_length += w->blocks_length - head->first_block;
+        }
+        for (uint32_t i = 0; i < pages; i++) {
+            uint8_t *entry = bytes + (size_t)i * UMB__PAGE_ENTRY;
+            umb__store64(entry + UMB__PAGE_OFFSET, head->file_length);
+            head->file_length += umb__load32(entry + UMB__PAGE_STORED_LENGTH);
+        }
+        sealed = umb__block_seal(bytes, size, pages, w->job->sha256,
+                                 w->table + (size_t)block * UMB__BLOCK_ENTRY) &&
                  sealed;
     }
     return sealed;
 }
 
 /* Writes everything behind the head: the first block, its pages, the other blocks and pages. */
-static enum umb_status write_blocks_and_pages(const struct writer *w)
+static enum umb_status write_blocks_and_pages(const struct writer *w, size_t first_block)
 {
     const struct umb_sink *sink = w->job->sink;
-    const uint32_t count = w->order.page_count;
-    const size_t first = umb__block_bytes(count, 0);
-    if (count > 0) {
-        UMB__TRY(sink->write(sink->user, w->entries, first));
+    if (w->page_count > 0) {
+        UMB__TRY(sink->write(sink->user, w->blocks, first_block));
     }
-    for (uint32_t page = 0; page < count; page++) {
+    for (uint32_t page = 0; page < w->page_count; page++) {
         const uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
         if (page == UMB__BLOCK_PAGES) {
-            UMB__TRY(sink->write(sink->user, entry, (size_t)umb__other_blocks_bytes(count)));
+            UMB__TRY(
+                sink->write(sink->user, w->blocks + first_block, w->blocks_length - first_block));
         }
-        UMB__TRY(
-            sink->write(sink->user, w->stored[page], umb__load32(entry + UMB__PAGE_STORED_LENGTH)));
+        UMB__TRY(sink->write(sink->user, w->made[page].stored,
+                             umb__load32(entry + UMB__PAGE_STORED_LENGTH)));
     }
     return UMB_OK;
 }
@@ -416,9 +527,9 @@ static enum umb_status write_file(struct writer *w, uint8_t id[UMB_ID_BYTES])
         .encoding = UMB_ENCODING_PACKED,
         .canonical = w->canonical,
         .canonical_length = w->canonical_length,
-        .directory = w->blocks,
-        .directory_count = umb__block_count(w->order.page_count),
-        .page_count = w->order.page_count,
+        .directory = w->table,
+        .directory_count = umb__block_count(w->page_count),
+        .page_count = w->page_count,
         .info = (const uint8_t *)notes,
         .info_length = notes ? (uint32_t)strlen(notes) : 0,
     };
@@ -432,7 +543,7 @@ static enum umb_status write_file(struct writer *w, uint8_t id[UMB_ID_BYTES])
     }
     enum umb_status status = sink->write(sink->user, bytes, (size_t)head.head_length);
     umb__free(w->alloc, bytes);
-    status = status == UMB_OK ? write_blocks_and_pages(w) : status;
+    status = status == UMB_OK ? write_blocks_and_pages(w, head.first_block) : status;
     if (status != UMB_OK) {
         return umb_fail(w->error, status, "packing: %llu bytes of output: %s",
                         (unsigned long long)head.file_length, umb_status_text(status));
@@ -483,9 +594,7 @@ static enum umb_status write_asset(struct writer *w, uint8_t id[UMB_ID_BYTES])
     UMB__TRY(check_content(w->job->content, w->error));
     UMB__TRY(check_roots(w->job->content, w->job->octree, w->error));
     UMB__TRY(make_pages(w));
-    w->blocks =
-        umb__alloc_zeroed(w->alloc, umb__block_count(w->order.page_count), UMB__BLOCK_ENTRY);
-    if (!w->blocks) {
+    if (!make_blocks(w)) {
         return no_memory(w->error);
     }
     UMB__TRY(encode_canonical(w));
@@ -501,12 +610,15 @@ enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID
         worker_finish(&w.workers[i], w.alloc);
     }
     umb__free(w.alloc, w.workers);
-    umb__free(w.alloc, (void *)w.stored);
+    umb__free(w.alloc, w.pages);
+    umb__free(w.alloc, w.made);
     umb__free(w.alloc, w.entries);
-    if (job->figures != NULL) {
-        job->figures->copies = w.order.copies;
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        umb__free(w.alloc, w.first_page[level]);
     }
-    umb__pack_order_finish(&w.order);
+    umb__pack_cuts_finish(&w.cuts);
+    umb__pack_survey_finish(&w.survey);
+    umb__free(w.alloc, w.table);
     umb__free(w.alloc, w.blocks);
     umb__free(w.alloc, w.canonical);
     return status;

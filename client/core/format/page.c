@@ -23,8 +23,7 @@ static bool take_list(const uint8_t **at, const uint8_t *end, uint64_t count, ui
     return umb__take(at, end, umb__list_bytes(count, high_bits), 1, &list->bytes);
 }
 
-/* Checks the list of a page's references to nodes in other pages: they must be in ascending order,
- * with page numbers and positions below 2^32. */
+/* Checks the places of nodes in other pages: ascending, with positions below 2^32. */
 static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint32_t level,
                                     struct umb__page *page, struct umb_error *error)
 {
@@ -32,15 +31,16 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
     if (!umb__take_number(at, end, count)) {
         return damaged(error, "counts are cut");
     }
-    uint64_t last_page = 0, last_position = 0;
+    uint64_t last_link = 0, last_position = 0;
     uint32_t difference = 0;
-    page->external_pages[level] = *at;
+    page->external_links[level] = *at;
     for (uint32_t i = 0; i < *count; i++) {
-        if (!umb__take_number(at, end, &difference) || (last_page += difference) > UINT32_MAX) {
-            return damaged(error, "a page number is not a number or out of range");
+        if (!umb__take_number(at, end, &difference) ||
+            (last_link += difference) >= UMB__PAGE_LINKS_MAX) {
+            return damaged(error, "a link is not a number or out of range");
         }
     }
-    const uint8_t *pages = page->external_pages[level];
+    const uint8_t *pages = page->external_links[level];
     page->external_positions[level] = *at;
     for (uint32_t i = 0; i < *count; i++) {
         const bool same = umb__next_number(&pages) == 0 && i > 0;
@@ -48,6 +48,9 @@ static enum umb_status parse_others(const uint8_t **at, const uint8_t *end, uint
             (last_position = difference + (same ? last_position + 1 : 0)) > UINT32_MAX) {
             return damaged(error, "a position is not a number or out of range");
         }
+    }
+    if (*count > 0 && last_link >= page->link_count) {
+        page->link_count = (uint32_t)last_link + 1;
     }
     return UMB_OK;
 }
@@ -191,6 +194,30 @@ enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__pag
     return at == end ? UMB_OK : damaged(error, "bytes are left over");
 }
 
+enum umb_status umb__page_set_links(struct umb__page *page, const uint8_t *links, size_t size,
+                                    struct umb_error *error)
+{
+    const uint8_t *at = links, *end = links + size;
+    int64_t number = -1;
+    uint32_t count = 0, folded;
+    while (at < end) {
+        if (!umb__take_number(&at, end, &folded)) {
+            return damaged(error, "a link is not a number");
+        }
+        number += 1 + umb__unfold(folded);
+        if (number < 0 || number > INT32_MAX) {
+            return damaged(error, "a link leads to no page");
+        }
+        count++;
+    }
+    if (count != page->link_count) {
+        return umb_fail(error, UMB_E_CORRUPT, "page: has %u links, its nodes use %u", count,
+                        page->link_count);
+    }
+    page->links = links;
+    return UMB_OK;
+}
+
 void umb__page_leaves(const struct umb__page *page, uint64_t *leaves)
 {
     const uint8_t *row = page->leaves + page->leaf_count;
@@ -210,14 +237,12 @@ void umb__page_leaves(const struct umb__page *page, uint64_t *leaves)
 /* The open page. */
 struct writer {
     const struct umb__octree *octree;
-    const struct umb__pack_order *order;
+    const struct umb__pack_cuts *cuts;
+    const struct umb_alloc *alloc;
     struct umb__page_encoder *e;
-    uint32_t page;
     bool failed; /* True once memory was short; checked at the end */
     uint32_t level_high, level_low;
-    uint32_t node_count[UMB_LEVEL_MAX + 1];
-    /* [node_count] Octree numbers, in the order of the page */
-    const uint32_t *nodes[UMB_LEVEL_MAX + 1];
+    uint32_t level_roots; /* Lowest level that has roots of the page */
 };
 
 /* Makes room for at most `most` further bytes of the page. Returns the address of these bytes; NULL
@@ -225,12 +250,18 @@ struct writer {
 static uint8_t *reserve(struct writer *w, size_t most)
 {
     struct umb__page_encoder *e = w->e;
-    if (w->failed || !umb__grow(w->order->alloc, &e->raw, &e->raw_capacity, e->raw_size + most,
-                                sizeof *e->raw)) {
+    if (w->failed ||
+        !umb__grow(w->alloc, &e->raw, &e->raw_capacity, e->raw_size + most, sizeof *e->raw)) {
         w->failed = true;
         return NULL;
     }
     return e->raw + e->raw_size;
+}
+
+/* Notes that a part of the page begins at `at`. */
+static void begin_part(const struct writer *w, const uint8_t *at)
+{
+    w->e->parts[w->e->part_count++] = (size_t)(at - w->e->raw);
 }
 
 /* Counts the bytes written up to `end` as part of the page. */
@@ -239,172 +270,201 @@ static void keep(struct writer *w, const uint8_t *end)
     w->e->raw_size = (size_t)(end - w->e->raw);
 }
 
+/* Writes the first `count` references as a list: two parts, the lowest bytes and the bits above. */
+static void write_list(struct writer *w, uint8_t *at, size_t count, unsigned high_bits)
+{
+    begin_part(w, at);
+    begin_part(w, at + count);
+    keep(w, umb__put_list(at, w->e->references, count, high_bits));
+}
+
 /* Distance in nodes or children at which memory is prefetched. */
 #define AHEAD 16U
 
-/* Finds the page's nodes of each level. */
-static void find_nodes(struct writer *w)
+static struct umb__value_set *nodes_of(const struct writer *w, uint32_t level)
 {
-    w->level_high = UMB_LEVEL_BRICK;
-    w->level_low = UMB_LEVEL_MAX;
-    w->e->node_count = 0;
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
-        const uint32_t *begins = w->order->begins[level] + w->page;
-        w->nodes[level] = w->order->nodes[level] + begins[0];
-        w->node_count[level] = begins[1] - begins[0];
-        w->e->node_count += w->node_count[level];
-        if (w->node_count[level] > 0) {
-            w->level_high = level;
-            w->level_low = level < w->level_low ? level : w->level_low;
-        }
-    }
+    return &w->e->nodes[level & 1];
 }
 
-static void write_counts(struct writer *w)
+/* Begins the set of a level's nodes. The roots of frusta on this level come first. */
+static void begin_level(struct writer *w, const struct umb__pack_page *page, uint32_t level,
+                        size_t most)
 {
-    uint8_t *at = reserve(w, 3 + UMB__NUMBER_BYTES_MAX * (UMB_LEVEL_MAX + 1));
-    if (!at) {
+    struct umb__value_set *nodes = nodes_of(w, level);
+    const size_t roots = page->level == 0 ? page->part : 0;
+    if (w->failed || !umb__value_set_begin(nodes, w->alloc, most + roots + 8)) {
+        w->failed = true;
         return;
     }
-    *at++ = UMB__PAGE_ENCODING;
-    *at++ = (uint8_t)w->level_high;
-    *at++ = (uint8_t)w->level_low;
-    for (uint32_t level = w->level_high; level >= w->level_low; level--) {
-        at = umb__put_number(at, w->node_count[level]);
+    for (uint32_t i = page->node; i < page->node + roots; i++) {
+        const struct umb__octree_root *root = &w->octree->roots[i];
+        if (root->state == UMB__NODE_MIXED && root->level == level) {
+            (void)umb__value_set_add(nodes, root->index);
+        }
     }
-    keep(w, at);
 }
 
-/* Makes room for at most `most` references of a level, and empties the table. Returns false if out
- * of memory. */
-static bool begin_table(struct writer *w, size_t most)
+/* Finds the highest level of the page and its nodes there. */
+static void begin_page(struct writer *w, const struct umb__pack_page *page)
+{
+    uint32_t high = 0;
+    w->level_roots = UMB_LEVEL_MAX;
+    if (page->level == 0) {
+        for (uint32_t i = page->node; i < page->node + page->part; i++) {
+            const struct umb__octree_root *root = &w->octree->roots[i];
+            const bool mixed = root->state == UMB__NODE_MIXED;
+            high = mixed && root->level > high ? root->level : high;
+            w->level_roots = mixed && root->level < w->level_roots ? root->level : w->level_roots;
+        }
+        begin_level(w, page, high, 0);
+    } else {
+        const struct umb__octree_level *level = &w->octree->level[page->level];
+        const uint32_t *children = level->children + level->first[page->node];
+        const uint32_t count = level->first[page->node + 1] - level->first[page->node];
+        const uint32_t parts = umb__pack_parts(w->cuts, page->level, page->node);
+        high = page->level - 1;
+        begin_level(w, page, high, count);
+        for (uint32_t i = 0; i < count && !w->failed; i++) {
+            if (umb__part_of(parts, i) == page->part + 1) {
+                (void)umb__value_set_add(nodes_of(w, high), children[i]);
+            }
+        }
+    }
+    w->level_high = high;
+    w->level_low = high;
+}
+
+/* Bit of a reference to a node in another page. References without it are positions in the page. */
+#define IN_OTHER 0x80000000U
+
+/* Finds the position of a cut node's child among the nodes of its level in its page. Equal children
+ * are one node. */
+static uint32_t position_of(const uint32_t *children, uint32_t parts, uint32_t child)
+{
+    const uint32_t part = umb__part_of(parts, child);
+    uint32_t position = 0, met[8];
+    for (uint32_t i = 0; i <= child; i++) {
+        if (umb__part_of(parts, i) != part) {
+            continue;
+        }
+        uint32_t k = 0;
+        while (k < position && met[k] != children[i]) {
+            k++;
+        }
+        if (i == child) {
+            return k;
+        }
+        met[k] = children[i];
+        position += k == position;
+    }
+    return position;
+}
+
+/* Lists the children of a cut node. Those in other pages are items of the table by link and
+ * position. In: reference: where the first reference goes. Returns where the next one goes. */
+static uint32_t *list_cut(struct writer *w, struct umb__node_ref node, uint32_t parts,
+                          uint32_t *reference)
 {
     struct umb__page_encoder *e = w->e;
-    if (w->failed ||
-        !umb__grow(w->order->alloc, &e->references, &e->references_capacity, most + 1,
-                   sizeof *e->references) ||
-        !umb__grow(w->order->alloc, &e->positions, &e->positions_capacity, most + 1,
-                   sizeof *e->positions) ||
-        !umb__value_set_begin(&e->table, w->order->alloc, most)) {
-        w->failed = true;
+    const struct umb__octree_level *nodes = &w->octree->level[node.level];
+    const uint32_t *children = nodes->children + nodes->first[node.index];
+    const uint32_t count = nodes->first[node.index + 1] - nodes->first[node.index];
+    const uint32_t part_count = umb__part_count(parts);
+    uint32_t first[8];
+    e->cuts[e->cut_count++] = node;
+    for (uint32_t part = 0; part < part_count; part++) {
+        uint32_t positions = 0;
+        first[part] = (uint32_t)e->other_count;
+        for (uint32_t i = 0; i < count; i++) {
+            if (umb__part_of(parts, i) == part + 1 &&
+                position_of(children, parts, i) == positions) {
+                e->others[e->other_count++] =
+                    (struct umb__node_place){e->link_count + part, positions++};
+            }
+        }
     }
-    return !w->failed;
-}
-
-static bool sort_table(struct writer *w)
-{
-    w->failed = w->failed || !umb__value_set_sort(&w->e->table, w->order->alloc);
-    return !w->failed;
-}
-
-/* Bit of a reference to the table. References without it are positions in the page. */
-#define IN_TABLE 0x80000000U
-
-/* Lists the children of a level's nodes, in their order, and returns their number. */
-static size_t list_children(struct writer *w, uint32_t node_level)
-{
-    const struct umb__octree_level *level = &w->octree->level[node_level];
-    const uint32_t *nodes = w->nodes[node_level];
-    const uint32_t count = w->node_count[node_level];
-    uint32_t *reference = w->e->references;
+    e->link_count += part_count;
     for (uint32_t i = 0; i < count; i++) {
-        if (i + 2 * AHEAD < count) {
-            __builtin_prefetch(level->first + nodes[i + 2 * AHEAD]);
-            __builtin_prefetch(level->masks + nodes[i + 2 * AHEAD]);
-        }
-        if (i + AHEAD < count) {
-            __builtin_prefetch(level->children + level->first[nodes[i + AHEAD]]);
-        }
-        for (uint32_t c = level->first[nodes[i]]; c < level->first[nodes[i] + 1]; c++) {
-            *reference++ = level->children[c];
-        }
+        const uint32_t part = umb__part_of(parts, i);
+        *reference++ = part == 0 ? umb__value_set_add(nodes_of(w, node.level - 1), children[i])
+                                 : IN_OTHER | (first[part - 1] + position_of(children, parts, i));
     }
-    return (size_t)(reference - w->e->references);
+    return reference;
 }
 
-/* Replaces children by their positions in the page, for an independent page, which holds all of
- * them. The set numbers nodes in the order of their addition, which is their order in the page.
- * Returns false if out of memory. */
-static bool number_own(struct writer *w, uint32_t node_level, size_t count)
+/* Lists the children of a level's nodes as references, and collects the nodes of the level below.
+ * Returns the number of references. */
+static size_t list_children(struct writer *w, const struct umb__pack_page *page, uint32_t level)
 {
-    struct umb__value_set *own = &w->e->own;
-    const uint32_t *below = w->nodes[node_level - 1];
-    if (!umb__value_set_begin(own, w->order->alloc, w->node_count[node_level - 1])) {
-        return false;
+    struct umb__page_encoder *e = w->e;
+    const struct umb__octree_level *nodes = &w->octree->level[level];
+    const struct umb__value_set *here = nodes_of(w, level);
+    const size_t most = 8 * here->count;
+    begin_level(w, page, level - 1, most);
+    if (w->failed ||
+        !umb__grow(w->alloc, &e->references, &e->references_capacity, most + 1,
+                   sizeof *e->references) ||
+        !umb__grow(w->alloc, &e->others, &e->others_capacity, most + 1, sizeof *e->others) ||
+        !umb__grow(w->alloc, &e->cuts, &e->cuts_capacity, e->cut_count + here->count,
+                   sizeof *e->cuts)) {
+        w->failed = true;
+        return 0;
     }
-    for (uint32_t i = 0; i < w->node_count[node_level - 1]; i++) {
-        (void)umb__value_set_add(own, below[i]);
+    struct umb__value_set *below = nodes_of(w, level - 1);
+    uint32_t *reference = e->references;
+    e->other_count = 0;
+    for (size_t i = 0; i < here->count; i++) {
+        const uint32_t node = (uint32_t)here->values[i];
+        const uint32_t parts = umb__pack_parts(w->cuts, level, node);
+        if (i + AHEAD < here->count) {
+            __builtin_prefetch(nodes->children + nodes->first[here->values[i + AHEAD]]);
+        }
+        if (parts != 0) {
+            reference = list_cut(w, (struct umb__node_ref){level, node}, parts, reference);
+            continue;
+        }
+        for (uint32_t c = nodes->first[node]; c < nodes->first[node + 1]; c++) {
+            *reference++ = umb__value_set_add(below, nodes->children[c]);
+        }
     }
-    for (size_t i = 0; i < count; i++) {
-        w->e->references[i] = umb__value_set_add(own, w->e->references[i]);
-    }
-    return true;
+    return (size_t)(reference - e->references);
 }
 
-/* Replaces each child by its position in the page or, if it is in another page, by its number in
- * the table. */
-static void number_all(struct writer *w, uint32_t node_level, size_t count)
+/* Writes the places of the level's nodes in other pages: their links, then their positions. */
+static uint8_t *put_others(const struct writer *w, uint8_t *at)
 {
-    const uint32_t *ordinals = w->order->ordinals[node_level - 1];
-    const uint32_t begin = w->order->begins[node_level - 1][w->page];
-    const uint32_t own = w->node_count[node_level - 1];
-    uint32_t *references = w->e->references;
-    for (size_t i = 0; i < count; i++) {
-        if (i + AHEAD < count) {
-            __builtin_prefetch(ordinals + references[i + AHEAD]);
-        }
-        const uint32_t ordinal = ordinals[references[i]];
-        references[i] = ordinal - begin < own
-                            ? ordinal - begin
-                            : IN_TABLE | umb__value_set_add(&w->e->table, ordinal);
+    const struct umb__page_encoder *e = w->e;
+    uint32_t last = 0;
+    for (size_t i = 0; i < e->other_count; i++) {
+        at = umb__put_number(at, e->others[i].page - last);
+        last = e->others[i].page;
     }
-}
-
-/* Writes the places of the table's nodes, which are all in other pages: first the page numbers,
- * then the positions. */
-static uint8_t *put_externals(const struct writer *w, uint32_t level, uint8_t *at)
-{
-    const struct umb__value_set *table = &w->e->table;
-    uint32_t *positions = w->e->positions;
-    struct umb__node_place last = {0, 0};
-    for (size_t i = 0; i < table->count; i++) {
-        if (i + 2 * AHEAD < table->count) {
-            __builtin_prefetch(w->order->hints[level] +
-                               table->values[i + 2 * AHEAD] / UMB__PACK_HINT);
-        }
-        if (i + AHEAD < table->count) {
-            const uint32_t page = w->order->hints[level][table->values[i + AHEAD] / UMB__PACK_HINT];
-            __builtin_prefetch(w->order->begins[level] + page + 1);
-        }
-        const struct umb__node_place place =
-            umb__pack_place(w->order, level, (uint32_t)table->values[i]);
-        const bool same = i > 0 && place.page == last.page;
-        at = umb__put_number(at, place.page - last.page);
-        positions[i] = same ? place.position - last.position - 1 : place.position;
-        last = place;
-    }
-    for (size_t i = 0; i < table->count; i++) {
-        at = umb__put_number(at, positions[i]);
+    for (size_t i = 0; i < e->other_count; i++) {
+        const struct umb__node_place *other = &e->others[i];
+        const bool same = i > 0 && other->page == e->others[i - 1].page;
+        at = umb__put_number(at, same ? other->position - e->others[i - 1].position - 1
+                                      : other->position);
     }
     return at;
 }
 
 /* Writes the masks, which mark the children that are the next nodes (page.h). Moves the references
  * of all other children to the front of the list, as they are written, and returns their number. */
-static size_t put_masks(const struct writer *w, uint32_t node_level, uint8_t *at)
+static size_t put_masks(const struct writer *w, uint32_t level, uint8_t *at)
 {
-    const uint16_t *masks = w->octree->level[node_level].masks;
-    const uint32_t own = w->node_count[node_level - 1];
-    const uint32_t *rank = w->e->table.rank, *reference = w->e->references;
+    const uint16_t *masks = w->octree->level[level].masks;
+    const struct umb__value_set *here = nodes_of(w, level);
+    const uint32_t own = (uint32_t)nodes_of(w, level - 1)->count;
+    const uint32_t *reference = w->e->references;
     uint32_t *written = w->e->references;
     uint32_t next = 0;
-    for (uint32_t i = 0; i < w->node_count[node_level]; i++, at += 2) {
-        unsigned mask = masks[w->nodes[node_level][i]];
+    for (size_t i = 0; i < here->count; i++, at += 2) {
+        unsigned mask = masks[here->values[i]];
         for (unsigned mixed = mask >> 1 & 0x5555U; mixed != 0; mixed &= mixed - 1) {
             const uint32_t to = *reference++;
             const bool is_next = to == next;
             mask |= is_next ? mixed & -mixed : 0;
-            *written = to & IN_TABLE ? own + rank[to & ~IN_TABLE] : to;
+            *written = to & IN_OTHER ? own + (to & ~IN_OTHER) : to;
             written += !is_next;
             next = to >= next && to < own ? to + 1 : next;
         }
@@ -413,47 +473,40 @@ static size_t put_masks(const struct writer *w, uint32_t node_level, uint8_t *at
     return (size_t)(written - w->e->references);
 }
 
-static void write_nodes(struct writer *w, uint32_t node_level)
+/* Writes a level's nodes, and collects those of the level below. */
+static void write_nodes(struct writer *w, const struct umb__pack_page *page, uint32_t level)
 {
-    const struct umb__value_set *table = &w->e->table;
-    const uint32_t nodes = w->node_count[node_level], own = w->node_count[node_level - 1];
-    if (!begin_table(w, 8 * (size_t)nodes)) {
+    const size_t children = list_children(w, page, level);
+    if (w->failed) {
         return;
     }
-    const size_t children = list_children(w, node_level);
-    if (w->page >= w->order->alone_from) {
-        w->failed = !number_own(w, node_level, children);
-    } else {
-        number_all(w, node_level, children);
-    }
-    if (!sort_table(w)) {
-        return;
-    }
-    const unsigned high_bits = umb__list_high_bits((uint64_t)own + table->count);
-    uint8_t *at = reserve(w, UMB__NUMBER_BYTES_MAX * (1 + 2 * table->count) + 2 * (size_t)nodes +
+    const size_t nodes = nodes_of(w, level)->count, own = nodes_of(w, level - 1)->count;
+    const unsigned high_bits = umb__list_high_bits((uint64_t)own + w->e->other_count);
+    uint8_t *at = reserve(w, UMB__NUMBER_BYTES_MAX * (1 + 2 * w->e->other_count) + 2 * nodes +
                                  (size_t)umb__list_bytes(children, high_bits));
     if (!at) {
         return;
     }
-    at = umb__put_number(at, (uint32_t)table->count);
-    at = put_externals(w, node_level - 1, at);
-    const size_t written = put_masks(w, node_level, at);
-    at += 2 * (size_t)nodes;
-    keep(w, umb__put_list(at, w->e->references, written, high_bits));
+    begin_part(w, at);
+    at = umb__put_number(at, (uint32_t)w->e->other_count);
+    at = put_others(w, at);
+    begin_part(w, at);
+    const size_t written = put_masks(w, level, at);
+    at += 2 * nodes;
+    write_list(w, at, written, high_bits);
 }
 
 /* Divides the page's bricks into runs of equal slices, and finds the leaf of each run: the mask of
  * one slice. Returns the number of runs. */
 static size_t list_leaves(struct writer *w)
 {
-    const uint32_t *nodes = w->nodes[UMB_LEVEL_BRICK];
-    const uint32_t bricks = w->node_count[UMB_LEVEL_BRICK];
+    const struct umb__value_set *nodes = nodes_of(w, UMB_LEVEL_BRICK);
     uint32_t *reference = w->e->references;
-    for (uint32_t i = 0; i < bricks; i++) {
-        if (i + AHEAD < bricks) {
-            __builtin_prefetch(w->octree->bricks[nodes[i + AHEAD]]);
+    for (size_t i = 0; i < nodes->count; i++) {
+        if (i + AHEAD < nodes->count) {
+            __builtin_prefetch(w->octree->bricks[nodes->values[i + AHEAD]]);
         }
-        const uint64_t *brick = w->octree->bricks[nodes[i]];
+        const uint64_t *brick = w->octree->bricks[nodes->values[i]];
         w->e->runs[i] = (uint8_t)umb__brick_runs(brick);
         for (unsigned runs = w->e->runs[i]; runs != 0; runs &= runs - 1) {
             *reference++ = umb__value_set_add(&w->e->table, brick[__builtin_ctz(runs)]);
@@ -487,16 +540,17 @@ static void write_bricks(struct writer *w)
 {
     struct umb__page_encoder *e = w->e;
     const struct umb__value_set *table = &e->table;
-    const size_t bricks = w->node_count[UMB_LEVEL_BRICK];
-    if (!umb__grow(w->order->alloc, &e->runs, &e->runs_capacity, bricks, 1)) {
+    const size_t bricks = nodes_of(w, UMB_LEVEL_BRICK)->count;
+    if (!umb__grow(w->alloc, &e->runs, &e->runs_capacity, bricks, 1) ||
+        !umb__grow(w->alloc, &e->references, &e->references_capacity, 8 * bricks + 1,
+                   sizeof *e->references) ||
+        !umb__value_set_begin(&e->table, w->alloc, 8 * bricks)) {
         w->failed = true;
         return;
     }
-    if (!begin_table(w, 8 * bricks)) {
-        return;
-    }
     const size_t count = list_leaves(w);
-    if (!sort_table(w)) {
+    if (!umb__value_set_sort(&e->table, w->alloc)) {
+        w->failed = true;
         return;
     }
     const unsigned high_bits = umb__list_high_bits(table->count);
@@ -505,35 +559,76 @@ static void write_bricks(struct writer *w)
     if (!at) {
         return;
     }
+    begin_part(w, at);
     at = umb__put_number(at, (uint32_t)table->count);
+    begin_part(w, at + table->count);
     at = put_leaves(table, at);
+    begin_part(w, at);
     memcpy(at, e->runs, bricks);
     for (size_t i = 0; i < count; i++) {
         e->references[i] = table->rank[e->references[i]];
     }
-    keep(w, umb__put_list(at + bricks, e->references, count, high_bits));
+    write_list(w, at + bricks, count, high_bits);
+}
+
+/* Encodes the levels in turn, into a place behind the counts, which are known at the end only. */
+static void write_levels(struct writer *w, const struct umb__pack_page *page,
+                         uint32_t counts[UMB_LEVEL_MAX + 1])
+{
+    uint32_t level = w->level_high;
+    /* Between roots of different levels, a page may have levels without nodes. */
+    const uint32_t roots = page->level == 0 ? w->level_roots : UMB_LEVEL_MAX;
+    for (; !w->failed && (nodes_of(w, level)->count > 0 || level >= roots); level--) {
+        counts[level] = (uint32_t)nodes_of(w, level)->count;
+        w->e->node_count += counts[level];
+        w->level_low = level;
+        if (level == UMB_LEVEL_BRICK) {
+            write_bricks(w);
+            return;
+        }
+        write_nodes(w, page, level);
+    }
+}
+
+/* Puts the head of the page before the levels. */
+static void write_head(struct writer *w, const uint32_t counts[UMB_LEVEL_MAX + 1])
+{
+    uint8_t head[3 + UMB__NUMBER_BYTES_MAX * (UMB_LEVEL_MAX + 1)], *end = head + 3;
+    head[0] = UMB__PAGE_ENCODING;
+    head[1] = (uint8_t)w->level_high;
+    head[2] = (uint8_t)w->level_low;
+    for (uint32_t level = w->level_high; level >= w->level_low; level--) {
+        end = umb__put_number(end, counts[level]);
+    }
+    const size_t size = (size_t)(end - head);
+    if (!reserve(w, size)) {
+        return;
+    }
+    memmove(w->e->raw + size, w->e->raw, w->e->raw_size);
+    memcpy(w->e->raw, head, size);
+    w->e->raw_size += size;
+    for (size_t i = 0; i < w->e->part_count; i++) {
+        w->e->parts[i] += size;
+    }
 }
 
 enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
-                                 const struct umb__octree *octree,
-                                 const struct umb__pack_order *order, uint32_t page,
-                                 struct umb_error *error)
+                                 const struct umb__pack_cuts *cuts,
+                                 const struct umb__pack_page *page, struct umb_error *error)
 {
-    struct writer w = {.octree = octree, .order = order, .e = encoder, .page = page};
-    encoder->raw_size = 0;
-    find_nodes(&w);
-    write_counts(&w);
-    for (uint32_t level = w.level_high; level >= w.level_low && level > UMB_LEVEL_BRICK; level--) {
-        write_nodes(&w, level);
-    }
-    if (w.level_low == UMB_LEVEL_BRICK && !w.failed) {
-        write_bricks(&w);
-    }
+    struct writer w = {.octree = cuts->octree, .cuts = cuts, .alloc = cuts->alloc, .e = encoder};
+    uint32_t counts[UMB_LEVEL_MAX + 1] = {0};
+    encoder->raw_size = encoder->cut_count = encoder->other_count = 0;
+    encoder->link_count = encoder->node_count = 0;
+    encoder->part_count = 0;
+    begin_page(&w, page);
+    write_levels(&w, page, counts);
+    write_head(&w, counts);
     if (w.failed) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for page %u", page);
+        return umb_fail(error, UMB_E_NO_MEMORY, "packing: no memory for a page");
     }
     if (encoder->raw_size > UMB__PAGE_RAW_MAX) {
-        return umb_fail(error, UMB_E_INTERNAL, "packing: page %u takes %zu bytes, at most %u", page,
+        return umb_fail(error, UMB_E_INTERNAL, "packing: a page takes %zu bytes, at most %u",
                         encoder->raw_size, UMB__PAGE_RAW_MAX);
     }
     return UMB_OK;
@@ -542,10 +637,12 @@ enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
 void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc)
 {
     umb__free(alloc, encoder->raw);
+    umb__free(alloc, encoder->cuts);
     umb__free(alloc, encoder->references);
-    umb__free(alloc, encoder->positions);
+    umb__free(alloc, encoder->others);
     umb__free(alloc, encoder->runs);
     umb__value_set_finish(&encoder->table, alloc);
-    umb__value_set_finish(&encoder->own, alloc);
+    umb__value_set_finish(&encoder->nodes[0], alloc);
+    umb__value_set_finish(&encoder->nodes[1], alloc);
     memset(encoder, 0, sizeof *encoder);
 }

@@ -4,15 +4,17 @@
 /*
  * One page of a packed file, uncompressed. A page is decoded without other pages. A reference to
  * one of the page's n nodes of the level below is the position of that node. A reference of n + i
- * is item i of the page's table of nodes in other pages. Most references lead to the next node, as
+ * is item i of the page's table of nodes in other pages. The table names a page by its place in the
+ * page's list of links, which stands in the directory: so equal trees give equal pages in every
+ * version of an asset. Most references lead to the next node, as
  * defined below. These references are not written: the mask marks them. Numbers and lists are those
  * of base/numbers.h.
  *
- *   u8 encoding (2), u8 level_high, u8 level_low
+ *   u8 encoding (3), u8 level_high, u8 level_low
  *   number node_count, for each level from high down to low
  *   for each level from high down to max(low, 4):
  *     number external_count                              nodes of the level below in other pages,
- *     number page difference[external_count]             ascending: page minus the page before;
+ *     number link difference[external_count]             ascending: link minus the link before;
  *     number position difference[external_count]         position, in the same page minus the
  *                                                        position before and 1
  *     u16 mask[node_count]                               states of the children; 3: mixed, and it
@@ -27,13 +29,22 @@
  *     u8 runs[node_count of level 3] bit z: slice z differs from slice z - 1; bit 0 is set
  *     list leaf numbers[set bits of all runs]   below leaf_count
  *
+ * A list of links has a number for each link: the number of the page, less 1 and that of the link
+ * before, folded (0, -1, 1, -2 ... as 0, 1, 2, 3 ...). The first link counts from -1.
+ *
  * The next node is the one after the last of the page's own nodes of the level below to which a
  * mask or reference has led so far. At the beginning it is the first node.
  */
 #include "base/bytes.h"
 #include "base/numbers.h"
-#include "format/pack_order.h"
+#include "format/pack_cut.h"
 #include "format/value_set.h"
+
+/* Where a node stands. */
+struct umb__node_place {
+    uint32_t page;
+    uint32_t position; /* Position among the page's nodes of the level */
+};
 
 /* A parsed page, with pointers into its raw bytes. Arrays are indexed by level; levels that the
  * page does not have read as empty. */
@@ -41,7 +52,9 @@ struct umb__page {
     uint32_t level_high, level_low;
     uint32_t node_count[UMB_LEVEL_MAX + 1];
     uint32_t external_count[UMB_LEVEL_MAX + 1];
-    const uint8_t *external_pages[UMB_LEVEL_MAX + 1];     /* Differences of pages */
+    uint32_t link_count;  /* Number of links that the levels refer to */
+    const uint8_t *links; /* Folded differences of page numbers, from umb__page_set_links */
+    const uint8_t *external_links[UMB_LEVEL_MAX + 1];     /* Differences of links */
     const uint8_t *external_positions[UMB_LEVEL_MAX + 1]; /* Differences of positions */
     const uint8_t *masks[UMB_LEVEL_MAX + 1];
     uint64_t child_count[UMB_LEVEL_MAX + 1]; /* Number of mixed children of all nodes */
@@ -59,6 +72,13 @@ struct umb__page {
  */
 UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, struct umb__page *page,
                                             struct umb_error *error);
+
+/*
+ * Checks the list of links of a parsed page, and gives it to the page, which keeps a pointer to it.
+ * Trust: safe on hostile bytes. Fails: E_CORRUPT.
+ */
+UMB_CHECKED enum umb_status umb__page_set_links(struct umb__page *page, const uint8_t *links,
+                                                size_t size, struct umb_error *error);
 
 /*
  * Reading a parsed page, level by level, from the first item to the last. The nodes in other pages:
@@ -79,24 +99,29 @@ UMB_CHECKED enum umb_status umb__page_parse(const uint8_t *raw, size_t size, str
  *     for each of node_count[3]: umb__page_bricks_next(&bricks, slices);
  */
 struct umb__page_others {
-    const uint8_t *page_at, *position_at;
+    const uint8_t *link_at, *position_at;
+    const uint8_t *links;         /* The next link that was not read yet */
     struct umb__node_place place; /* Place of the node before */
     bool first;                   /* True before the first node */
 };
 
 static inline struct umb__page_others umb__page_others(const struct umb__page *page, uint32_t level)
 {
-    return (struct umb__page_others){.page_at = page->external_pages[level],
+    return (struct umb__page_others){.link_at = page->external_links[level],
                                      .position_at = page->external_positions[level],
+                                     .links = page->links,
+                                     .place = {.page = UINT32_MAX},
                                      .first = true};
 }
 
 static inline struct umb__node_place umb__page_others_next(struct umb__page_others *others)
 {
-    const uint32_t page = umb__next_number(&others->page_at);
+    const uint32_t link = umb__next_number(&others->link_at);
     const uint32_t position = umb__next_number(&others->position_at);
-    const bool same = page == 0 && !others->first;
-    others->place.page += page;
+    const bool same = link == 0 && !others->first;
+    for (uint32_t left = link + (others->first ? 1 : 0); left > 0; left--) {
+        others->place.page += 1 + (uint32_t)umb__unfold(umb__next_number(&others->links));
+    }
     others->place.position = same ? others->place.position + 1 + position : position;
     others->first = false;
     return others->place;
@@ -174,29 +199,45 @@ static inline void umb__page_bricks_next(struct umb__page_bricks *bricks, uint64
     }
 }
 
+/* Node of the octree. */
+struct umb__node_ref {
+    uint32_t level;
+    uint32_t index; /* Number in the octree */
+};
+
+#define UMB__PAGE_PARTS_MAX (4U * UMB_LEVEL_MAX)
+
 /* Memory for encoding pages, kept from one page to the next. Start zeroed. */
 struct umb__page_encoder {
     uint8_t *raw; /* [raw_size] Bytes of the page encoded last */
     size_t raw_size, raw_capacity;
-    uint32_t node_count;  /* Number of nodes and bricks in that page */
+    uint32_t node_count; /* Number of nodes and bricks in that page */
+    /* Offsets in `raw` of the page's parts: of each level the nodes in other pages, masks, and
+     * references; leaves, their rows, runs, leaf numbers. A list has two parts. */
+    size_t parts[UMB__PAGE_PARTS_MAX];
+    size_t part_count;
+    /* The page's cut nodes in the order of their links: a link for each page of each cut node. */
+    struct umb__node_ref *cuts; /* [cut_count] */
+    size_t cut_count, cuts_capacity;
     uint32_t *references; /* References of a level */
     size_t references_capacity;
-    uint32_t *positions; /* Positions of a level's nodes in other pages, as differences */
-    size_t positions_capacity;
-    uint8_t *runs; /* Runs of the bricks */
+    struct umb__node_place *others; /* [other_count] A level's nodes in other pages; page: link */
+    size_t other_count, others_capacity;
+    uint32_t link_count; /* Number of links of the levels above */
+    uint8_t *runs;       /* Runs of the bricks */
     size_t runs_capacity;
-    struct umb__value_set table; /* Set of values: the nodes in other pages that a level refers to,
-                                    or the leaves */
-    struct umb__value_set own;   /* The page's nodes of a level, by their number in the octree */
+    struct umb__value_set table;    /* Leaves */
+    struct umb__value_set nodes[2]; /* The page's nodes of an even and an odd level, by their number
+                                       in the octree */
 };
 
 /*
- * Encodes page number `page` of an order into encoder->raw.
- * Threads: any number of encoders may work on one order, if its allocator allows.
+ * Encodes a page of a cut octree into encoder->raw, and lists the cut nodes that it links to.
+ * Threads: any number of encoders may work on one octree, if its allocator allows.
  */
 UMB_CHECKED enum umb_status umb__page_encode(struct umb__page_encoder *encoder,
-                                             const struct umb__octree *octree,
-                                             const struct umb__pack_order *order, uint32_t page,
+                                             const struct umb__pack_cuts *cuts,
+                                             const struct umb__pack_page *page,
                                              struct umb_error *error);
 void umb__page_encoder_finish(struct umb__page_encoder *encoder, const struct umb_alloc *alloc);
 

@@ -26,18 +26,6 @@ static bool take_mask(struct walk *w, uint64_t *mask)
     return true;
 }
 
-/* Unfolds 0, 1, 2, 3 ... to 0, -1, 1, -2 ... */
-static int64_t unfold(uint32_t number)
-{
-    return number & 1 ? -(int64_t)(number >> 1) - 1 : (int64_t)(number >> 1);
-}
-
-/* The inverse of unfold. */
-static uint32_t fold(int64_t number)
-{
-    return (uint32_t)(number < 0 ? -2 * number - 1 : 2 * number);
-}
-
 /* Earlier steps of a square that a list may refer to. */
 struct recent {
     int64_t first_z;                           /* First z of the list before */
@@ -74,7 +62,7 @@ static bool take_list(struct walk *w, struct recent *recent)
         }
         const uint32_t drop =
             take_drop(w, (step & 2) != 0, &recent->drops[number % UMB__TRANSMITTANCE_RECENT]);
-        z = number == 0 ? recent->first_z + unfold(step >> 2) : z + (step >> 2) + 1;
+        z = number == 0 ? recent->first_z + umb__unfold(step >> 2) : z + (step >> 2) + 1;
         if (z < 0 || z >= w->size || drop == 0 || drop > UMB__TRANSMITTANCE_ONE - lost) {
             return false;
         }
@@ -340,7 +328,7 @@ static void put_list(struct umb__transmittance_bytes *bytes,
     for (uint32_t i = 0; i < list->count; i++) {
         const uint32_t z = list->steps[i].z, drop = list->steps[i].drop;
         const uint32_t step =
-            i == 0 ? fold((int64_t)z - recent->first_z) : z - list->steps[i - 1].z - 1;
+            i == 0 ? umb__fold((int64_t)z - recent->first_z) : z - list->steps[i - 1].z - 1;
         uint32_t *last = &recent->drops[i % UMB__TRANSMITTANCE_RECENT];
         const uint32_t same = drop == *last, more = i + 1 < list->count;
         put_varint(bytes, 4 * step + 2 * same + more);

@@ -177,19 +177,17 @@ static enum umb_status check_id(struct umb_partial *p, const uint8_t *wanted,
     return UMB_OK;
 }
 
-/* Makes room for all entries. Adds the first block of entries if the front holds all of it. */
-static enum umb_status prepare_entries(struct umb_partial *p, const uint8_t *front, size_t size,
-                                       struct umb_error *error)
+/* Makes room for the blocks. Adds the first one if the front holds all of it. */
+static enum umb_status prepare_blocks(struct umb_partial *p, const uint8_t *front, size_t size,
+                                      struct umb_error *error)
 {
-    p->entries = umb__alloc_zeroed(&p->alloc, p->head.page_count, UMB__PAGE_ENTRY);
     p->blocks = umb__alloc_zeroed(&p->alloc, p->head.directory_count, sizeof *p->blocks);
-    if (!p->entries || !p->blocks) {
+    if (!p->blocks) {
         return umb_fail(error, UMB_E_TOO_LARGE, "directory: %u pages, the budget is %llu bytes",
                         p->head.page_count, (unsigned long long)p->meter.limit);
     }
-    p->head.entries[0] = p->entries;
-    p->head.entries[1] = p->entries + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY;
-    const uint32_t first = umb__block_bytes(p->head.page_count, 0);
+    p->head.blocks = (const uint8_t *const *)p->blocks;
+    const uint32_t first = p->head.first_block;
     return p->head.page_count > 0 && size - p->head.head_length >= first
                ? umb_partial_add_block(p, 0, front + p->head.head_length, first, error)
                : UMB_OK;
@@ -240,7 +238,7 @@ static enum umb_status open_front(struct umb_partial *p, const void *front, size
         return no_memory(error, "the list of pages");
     }
     UMB__TRY(link_roots(p, error));
-    return prepare_entries(p, front, size, error);
+    return prepare_blocks(p, front, size, error);
 }
 
 enum umb_status umb_partial_open(const void *front, size_t size,
@@ -284,8 +282,10 @@ void umb_partial_close(struct umb_partial *p)
     umb__free(&p->alloc, p->pages);
     umb__free(&p->alloc, p->changed);
     umb__free(&p->alloc, p->heap);
-    umb__free(&p->alloc, p->entries);
-    umb__free(&p->alloc, p->blocks);
+    for (uint32_t block = 0; p->blocks && block < p->head.directory_count; block++) {
+        umb__free(&p->alloc, p->blocks[block]);
+    }
+    umb__free(&p->alloc, (void *)p->blocks);
     umb__canonical_finish(&p->canonical, &p->alloc);
     umb__free(&p->alloc, p->head_bytes);
     ZSTD_freeDCtx(p->zstd);
@@ -403,9 +403,11 @@ static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__p
                                       const void *stored, uint8_t *raw, struct umb_error *error)
 {
     struct umb__page page;
+    struct umb__page_entry linked = *entry;
+    umb__directory_links(&p->head, &linked, NULL);
     UMB__TRY(umb__page_expand(p->zstd, stored, entry, raw, error));
     UMB__TRY(prove(p, entry, raw, error));
-    UMB__TRY(umb__page_open(raw, entry, &page, error));
+    UMB__TRY(umb__page_open(raw, &linked, &page, error));
     UMB__TRY(check_counts(p, entry->page, &page, error));
     UMB__TRY(visit_links(p, &page, entry->page, false, error));
     return keep(p, &page, entry, stored, raw, error);
@@ -488,14 +490,19 @@ enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, con
     if (p->blocks[block]) {
         return umb_fail(error, UMB_E_EXISTS, "directory: block %u is held already", block);
     }
-    if (size != umb__block_bytes(p->head.page_count, block)) {
+    const uint32_t length = umb__block_bytes(&p->head, block);
+    if (size != length) {
         return umb_fail(error, UMB_E_CORRUPT, "directory: block %u: %zu bytes came, it has %u",
-                        block, size, umb__block_bytes(p->head.page_count, block));
+                        block, size, length);
     }
-    UMB__TRY(umb__block_check(&p->head, block, bytes, NULL, error));
-    UMB__TRY(umb__block_prove(&p->head, block, bytes, p->sha256, error));
-    memcpy(p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY, bytes, size);
-    p->blocks[block] = true;
+    UMB__TRY(umb__block_check(&p->head, block, bytes, length, NULL, error));
+    UMB__TRY(umb__block_prove(&p->head, block, bytes, length, p->sha256, error));
+    uint8_t *copy = umb__alloc(&p->alloc, size, 1);
+    if (!copy) {
+        return no_memory(error, "a block of the directory");
+    }
+    memcpy(copy, bytes, size);
+    p->blocks[block] = copy;
     p->block_count++;
     return UMB_OK;
 }
@@ -538,7 +545,7 @@ void umb_partial_locate_block(const struct umb_partial *p, uint32_t block, uint6
                               uint32_t *length)
 {
     *offset = umb__block_offset(&p->head, block);
-    *length = umb__block_bytes(p->head.page_count, block);
+    *length = umb__block_bytes(&p->head, block);
 }
 
 const uint8_t *umb_partial_head(const struct umb_partial *p)

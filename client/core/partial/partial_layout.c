@@ -234,8 +234,9 @@ static void count_nodes(struct umb_partial *p, const struct umb__expanded *nodes
 enum umb_status umb__partial_lay(struct umb_partial *p, uint32_t number, struct umb_error *error)
 {
     struct umb__held *held = &p->pages[number];
-    const struct umb__page_entry entry = umb__directory_load(&p->head, number);
+    struct umb__page_entry entry = umb__directory_load(&p->head, number);
     struct umb__page page;
+    umb__directory_links(&p->head, &entry, NULL);
     enum umb_status status = find_raw(p, &entry, error);
     status = status == UMB_OK ? umb__page_open(held->raw, &entry, &page, error) : status;
     struct umb__laid *laid = status == UMB_OK ? lay_parsed(p, number, &page) : NULL;

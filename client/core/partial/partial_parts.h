@@ -95,8 +95,7 @@ struct umb_partial {
     const struct umb_sha256 *sha256;
     void *zstd;           /* Decoder, a ZSTD_DCtx */
     uint8_t *head_bytes;  /* [head.head_length] */
-    uint8_t *entries;     /* [head.page_count * UMB__PAGE_ENTRY]; head.entries point there */
-    bool *blocks;         /* [head.directory_count] True for each held block of entries */
+    uint8_t **blocks;     /* [head.directory_count] Blocks of entries; NULL: not held */
     uint32_t block_count; /* Number of held blocks */
     struct umb__head head;
     struct umb__canonical canonical;

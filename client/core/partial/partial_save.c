@@ -59,9 +59,7 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
     umb__free(p->meter.inner, bytes);
     for (uint32_t block = 0; block < p->head.directory_count && status == UMB_OK; block++) {
         if (p->blocks[block]) {
-            status = sink->write(sink->user,
-                                 p->entries + (size_t)block * UMB__BLOCK_PAGES * UMB__PAGE_ENTRY,
-                                 umb__block_bytes(p->head.page_count, block));
+            status = sink->write(sink->user, p->blocks[block], umb__block_bytes(&p->head, block));
         }
     }
     for (uint32_t page = 0; page < p->head.page_count && status == UMB_OK; page++) {
@@ -92,7 +90,7 @@ static enum umb_status add_blocks(struct umb_partial *p, struct saved *s, struct
             return umb_fail(error, UMB_E_CORRUPT, "partial file: block %u, the asset has %u", block,
                             p->head.directory_count);
         }
-        const uint32_t length = umb__block_bytes(p->head.page_count, block);
+        const uint32_t length = umb__block_bytes(&p->head, block);
         if (!umb__take(&s->at, s->end, length, 1, &bytes)) {
             return umb_fail(error, UMB_E_TRUNCATED, "partial file: block %u is cut", block);
         }

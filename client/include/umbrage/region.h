@@ -6,7 +6,7 @@
  * from it locally.
  *
  *     struct umb_region *region;
- *     enum umb_status status = umb_region_open(&source, NULL, &region, &error);  // reads 32 KiB
+ *     enum umb_status status = umb_region_open(&source, NULL, &region, &error);  // reads 16 KiB
  *     if (status == UMB_OK) {
  *         status = umb_region_update(region, &request, &error);  // fetches what a camera sees
  *     }
@@ -77,7 +77,7 @@ struct umb_region_source {
 struct umb_region_options {
     const uint8_t *id;         /* uint8[UMB_ID_BYTES], the id to require; NULL: any */
     uint64_t max_memory_bytes; /* Memory budget of the whole region; 0 = 1 GiB */
-    uint64_t first_bytes;      /* Length of the first read; 0 = 32 KiB */
+    uint64_t first_bytes;      /* Length of the first read; 0 = 16 KiB */
     uint64_t reserved[4];      /* Zero: room for later versions (umbrage/version.h) */
 };
 

@@ -57,13 +57,19 @@ static enum umb_status differs(struct umb_error *error, uint32_t page, uint32_t 
                     page, level, what);
 }
 
+/* Returns the bytes of a page and, behind it, of its links. */
+static uint64_t room_of(const struct umb__page_entry *entry)
+{
+    return (uint64_t)entry->raw_length + entry->links_length;
+}
+
 /* Uncompresses and parses a page. */
 static enum umb_status expand_page(struct matching *m, struct helper *helper, uint32_t page)
 {
-    const struct umb__page_entry entry = umb__directory_load(m->head, page);
+    struct umb__page_entry entry = umb__directory_load(m->head, page);
     uint8_t *raw = m->raw + m->raw_at[page];
     /* Another process may have changed the entry. */
-    if (entry.raw_length != m->raw_at[page + 1] - m->raw_at[page] ||
+    if (room_of(&entry) != m->raw_at[page + 1] - m->raw_at[page] ||
         entry.offset > m->head->file_length ||
         entry.stored_length > m->head->file_length - entry.offset) {
         return umb_fail(&helper->error, UMB_E_CORRUPT,
@@ -75,6 +81,7 @@ static enum umb_status expand_page(struct matching *m, struct helper *helper, ui
                         "page %u of the file: checksum does not match", page);
     }
     UMB__TRY(umb__page_expand(helper->zstd, stored, &entry, raw, &helper->error));
+    umb__directory_links(m->head, &entry, raw + entry.raw_length);
     return umb__page_open(raw, &entry, &m->pages[page], &helper->error);
 }
 
@@ -255,7 +262,8 @@ static enum umb_status open_pages(struct matching *m, uint64_t raw_total, struct
     }
     uint64_t at = 0;
     for (uint32_t page = 0; page < count; page++) {
-        const uint32_t length = umb__directory_load(m->head, page).raw_length;
+        const struct umb__page_entry entry = umb__directory_load(m->head, page);
+        const uint64_t length = room_of(&entry);
         m->raw_at[page] = at;
         if (length > raw_total - at) {
             return umb_fail(error, UMB_E_CORRUPT, "directory: page %u changed while it was read",

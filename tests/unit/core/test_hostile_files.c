@@ -100,7 +100,6 @@ static void reserved_fields_are_a_newer_file(void **state)
     expect_spoilt(&packed, frustum + 8, 2, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, frustum + 15, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, root + 12, 1, UMB_E_VERSION, "newer");
-    expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_ZERO, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&mapped, directory_at(&mapped) + UMB__SECTION_ZERO, 1, UMB_E_VERSION, "newer");
     expect_spoilt(&packed, UMB__HEAD_ZERO + 7, 1, UMB_E_VERSION, "newer");
     assert_int_equal(open_status(&packed, &error), UMB_OK);
@@ -115,7 +114,13 @@ static void a_directory_that_does_not_fit_its_file_is_refused(void **state)
     expect_spoilt(&packed, UMB__HEAD_PAGES + 1, 1, UMB_E_CORRUPT, "pages: 257");
     expect_spoilt(&packed, UMB__HEAD_BLOCKS, 1, UMB_E_CORRUPT, "do not fit the file");
     expect_spoilt(&packed, UMB__HEAD_BLOCKS + 7, 0xff, UMB_E_CORRUPT, "do not fit the file");
-    expect_spoilt(&packed, UMB__HEAD_ZERO_1, 1, UMB_E_VERSION, "newer");
+    expect_spoilt(&packed, UMB__HEAD_FIRST_BLOCK, 1, UMB_E_CORRUPT, "do not fit the file");
+    expect_spoilt(&packed, directory_at(&packed) + UMB__BLOCK_END, 1, UMB_E_CORRUPT,
+                  "do not fit the file");
+    expect_spoilt(&packed, directory_at(&packed) + UMB__BLOCK_END + 7, 0xff, UMB_E_CORRUPT,
+                  "do not fit the file");
+    expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_LINKS, 1, UMB_E_CORRUPT,
+                  "its entries and links");
     expect_spoilt(&packed, first_entry_at(&packed), 1, UMB_E_CORRUPT, "block 0");
     expect_spoilt(&packed, first_entry_at(&packed) + UMB__PAGE_STORED_LENGTH + 3, 1, UMB_E_CORRUPT,
                   "page 0");
@@ -125,9 +130,9 @@ static void a_directory_that_does_not_fit_its_file_is_refused(void **state)
     assert_non_null(strstr(error.message, "checksum of block 0"));
     packed.data[UMB__HEAD_VERSION] = 1;
     assert_int_equal(open_status(&packed, &error), UMB_E_VERSION);
-    assert_non_null(strstr(error.message, "version: 1.0, this reader knows version 2"));
+    assert_non_null(strstr(error.message, "version: 1.0, this reader knows version 3"));
     assert_non_null(strstr(error.message, "an earlier version: bake the scene again"));
-    packed.data[UMB__HEAD_VERSION] = 3;
+    packed.data[UMB__HEAD_VERSION] = 4;
     assert_int_equal(open_status(&packed, &error), UMB_E_VERSION);
     assert_non_null(strstr(error.message, "a later version"));
     bytes_finish(&packed);
@@ -378,8 +383,9 @@ static void a_directory_overwritten_while_it_is_read_does_no_harm(void **state)
     uint32_t pages = umb__load32(packed.data + UMB__HEAD_PAGES);
     assert_true(pages <= UMB__BLOCK_PAGES);
     for (uint32_t i = 0; i < pages; i++) {
-        raw_total +=
-            umb__load32(packed.data + directory + i * UMB__PAGE_ENTRY + UMB__PAGE_RAW_LENGTH);
+        const uint8_t *entry = packed.data + directory + i * UMB__PAGE_ENTRY;
+        raw_total += umb__load32(entry + UMB__PAGE_RAW_LENGTH);
+        raw_total += umb__load16(entry + UMB__PAGE_LINKS);
     }
     static const size_t fields[] = {UMB__PAGE_RAW_LENGTH, UMB__PAGE_STORED_LENGTH,
                                     UMB__PAGE_OFFSET};

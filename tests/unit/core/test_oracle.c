@@ -29,8 +29,8 @@ enum {
     CHECK_AT = 120,
     BLOCK_AT = 128,
     ENTRY_SIZE = 64,
-    BLOCK_PAGES = 64,
-    BLOCK_ENTRY_SIZE = 40,
+    BLOCK_PAGES = 32,
+    BLOCK_ENTRY_SIZE = 48,
     POOL_BRICKS = 32, /* bricks that stand in many places, so that merging has work */
 };
 
@@ -149,13 +149,19 @@ static void reseal_check(struct bytes *file)
     put_number(file->data + CHECK_AT, XXH3_64bits(both, sizeof both));
 }
 
-/* Returns where the entries of pages begin: the first block follows the head, all others stand
- * together. */
+/* Bytes of all blocks before a block. */
+static uint64_t end_before(const struct bytes *file, uint32_t block)
+{
+    const uint8_t *table = file->data + BLOCK_AT + number_at(file->data + 32, 8);
+    return block == 0 ? 0 : number_at(table + (uint64_t)(block - 1) * BLOCK_ENTRY_SIZE + 8, 8);
+}
+
+/* Where a block begins: the first one follows the head, all others stand together. */
 static uint8_t *block_of(const struct bytes *file, uint32_t block)
 {
     return file->data + (block == 0 ? number_at(file->data + 24, 8)
-                                    : number_at(file->data + 88, 8) +
-                                          (uint64_t)(block - 1) * BLOCK_PAGES * ENTRY_SIZE);
+                                    : number_at(file->data + 88, 8) + end_before(file, block) -
+                                          end_before(file, 1));
 }
 
 /* Writes the real hash of a page into its entry. */
@@ -181,16 +187,24 @@ static void reseal(struct bytes *file)
     assert_non_null(identity);
     memcpy(identity, file->data + BLOCK_AT, block);
     for (uint32_t b = 0; b < blocks; b++) {
-        uint8_t *entries = block_of(file, b), hashes[BLOCK_PAGES * 32];
+        uint8_t *entries = block_of(file, b);
+        const size_t size = (size_t)(end_before(file, b + 1) - end_before(file, b));
         uint8_t *stated = file->data + BLOCK_AT + block + (size_t)b * BLOCK_ENTRY_SIZE;
         uint32_t rest = pages - b * BLOCK_PAGES, count = rest < BLOCK_PAGES ? rest : BLOCK_PAGES;
+        const size_t links = size - (size_t)count * ENTRY_SIZE;
+        uint8_t *hashed_too = malloc(34 * (size_t)count + links);
+        assert_non_null(hashed_too);
         for (uint32_t i = 0; i < count; i++) {
+            const uint8_t *entry = entries + (size_t)i * ENTRY_SIZE;
             reseal_page(file, entries + (size_t)i * ENTRY_SIZE);
-            memcpy(hashes + 32 * (size_t)i, entries + (size_t)i * ENTRY_SIZE + 32, 32);
+            memcpy(hashed_too + 32 * (size_t)i, entry + 32, 32);
+            memcpy(hashed_too + 32 * (size_t)count + 2 * (size_t)i, entry + 26, 2);
         }
-        put_number(stated, XXH3_64bits(entries, (size_t)count * ENTRY_SIZE));
-        sha256(hashes, 32 * (size_t)count, stated + 8);
-        memcpy(identity + block + (size_t)b * 32, stated + 8, 32);
+        memcpy(hashed_too + 34 * (size_t)count, entries + (size_t)count * ENTRY_SIZE, links);
+        put_number(stated, XXH3_64bits(entries, size));
+        sha256(hashed_too, 34 * (size_t)count + links, stated + 16);
+        free(hashed_too);
+        memcpy(identity + block + (size_t)b * 32, stated + 16, 32);
     }
     sha256(identity, hashed, file->data + ID_AT);
     free(identity);

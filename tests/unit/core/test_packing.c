@@ -139,14 +139,14 @@ static int repeated(const void *user, uint32_t frustum, uint32_t x, uint32_t y, 
     return z < 100 + next_random(&bump) % 40;
 }
 
-/* Six cubes of 64 noisy voxels a side, mixed at random: copies would take most of a file. */
+/* Six cubes of 32 noisy voxels a side, in any mixture: copies would be most of a file. */
 static int mixed_up(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
 {
-    uint64_t which = (uint64_t)(x / 64 + 4 * (y / 64) + 16 * (z / 64)) + 64 * frustum + 1;
+    uint64_t which = (uint64_t)(x / 32 + 8 * (y / 32) + 64 * (z / 32)) + 512 * frustum + 1;
     (void)user;
     (void)next_random(&which);
     uint64_t seed = (next_random(&which) >> 33) % 6 + 1;
-    seed = (seed << 18 | (x % 64) << 12 | (y % 64) << 6 | z % 64) * 0x9e3779b97f4a7c15U;
+    seed = (seed << 18 | (x % 32) << 12 | (y % 32) << 6 | z % 32) * 0x9e3779b97f4a7c15U;
     (void)next_random(&seed);
     return (int)(next_random(&seed) >> 40 & 1);
 }
@@ -161,7 +161,8 @@ static uint32_t count_nodes(const struct bytes *file, uint64_t found[UMB_LEVEL_M
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
     assert_int_equal(umb__head_parse(file->data, file->size, &head, NULL), UMB_OK);
     for (uint32_t number = 0; number < head.page_count; number++) {
-        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        struct umb__page_entry entry = umb__directory_load(&head, number);
+        umb__directory_links(&head, &entry, NULL);
         struct umb__page page;
         uint32_t others = 0;
         assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, NULL),
@@ -208,15 +209,83 @@ static void pages_with_bricks_stand_alone_and_their_copies_become_one_node_again
     bytes_finish(&file);
 }
 
-static void trees_that_share_too_much_are_stored_once(void **state)
+/* Bytes of the longest page, uncompressed. */
+static uint32_t longest_page(const struct bytes *file)
 {
-    const struct voxels voxels = {mixed_up, NULL, 8, 2};
-    struct bytes file = make_packed(&voxels, 0.5, origin);
+    struct umb__head head;
+    uint32_t longest = 0;
+    assert_int_equal(umb__head_parse(file->data, file->size, &head, NULL), UMB_OK);
+    for (uint32_t number = 0; number < head.page_count; number++) {
+        const uint32_t length = umb__directory_load(&head, number).raw_length;
+        longest = length > longest ? length : longest;
+    }
+    return longest;
+}
+
+static void trees_that_share_much_have_larger_pages(void **state)
+{
+    const struct voxels voxels = {mixed_up, NULL, 8, 2}, others = {repeated, NULL, 8, 2};
+    struct bytes file = make_packed(&voxels, 0.5, origin),
+                 other = make_packed(&others, 0.5, origin);
     uint64_t found[UMB_LEVEL_MAX + 1] = {0}, counts[UMB_LEVEL_MAX + 1];
     (void)state;
-    assert_true(count_nodes(&file, found) > 0);
+    assert_int_equal(count_nodes(&file, found), 0);
     expect_counts(&file, counts);
-    assert_memory_equal(found, counts, sizeof found);
+    assert_true(found[UMB_LEVEL_BRICK] < 2 * counts[UMB_LEVEL_BRICK]);
+    assert_true(longest_page(&file) > 2 * longest_page(&other));
+    bytes_finish(&file);
+    bytes_finish(&other);
+}
+
+/* A rough floor; user: where a single voxel is turned around, or NULL. */
+static int edited_floor(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    const uint32_t *edit = user;
+    uint64_t seed = ((uint64_t)x << 20 | y) * 0x9e3779b97f4a7c15U + 1;
+    (void)frustum;
+    (void)next_random(&seed);
+    const int lit = z < 60 + x / 4 + (uint32_t)(next_random(&seed) >> 40) % 24;
+    return edit && edit[0] == x && edit[1] == y && edit[2] == z ? !lit : lit;
+}
+
+/* Counts the pages of a file that another one lacks. */
+static uint32_t new_pages(const struct bytes *file, const struct bytes *old)
+{
+    struct umb__head head, before;
+    uint32_t count = 0;
+    assert_true(umb__head_parse(file->data, file->size, &head, NULL) == UMB_OK &&
+                umb__head_parse(old->data, old->size, &before, NULL) == UMB_OK);
+    for (uint32_t page = 0; page < head.page_count; page++) {
+        uint32_t i = 0;
+        while (i < before.page_count &&
+               memcmp(umb__directory_hash(&head, page), umb__directory_hash(&before, i),
+                      UMB_ID_BYTES) != 0) {
+            i++;
+        }
+        count += i == before.page_count;
+    }
+    return count;
+}
+
+/* An edit of a voxel moves no cut that is not on the way from the voxel to the root. */
+static void an_edit_changes_only_pages_on_the_way_to_the_root(void **state)
+{
+    const struct voxels voxels = {edited_floor, NULL, 8, 1};
+    struct bytes file = make_packed(&voxels, 0.5, origin);
+    uint64_t seed = 5 + (state == NULL);
+    assert_true(umb__load32(file.data + UMB__HEAD_PAGES) > 12);
+    for (int i = 0; i < 6; i++) {
+        const uint32_t edit[3] = {(uint32_t)(next_random(&seed) >> 40) % 256,
+                                  (uint32_t)(next_random(&seed) >> 40) % 256,
+                                  (uint32_t)(next_random(&seed) >> 40) % 256};
+        const struct voxels edited = {edited_floor, edit, 8, 1};
+        struct bytes changed = make_packed(&edited, 0.5, origin);
+        const uint32_t count = new_pages(&changed, &file);
+        if (count == 0 || count > 4) { /* 256 voxels: at most four levels have pages of their own */
+            fail_msg("voxel %u, %u, %u: %u new pages", edit[0], edit[1], edit[2], count);
+        }
+        bytes_finish(&changed);
+    }
     bytes_finish(&file);
 }
 
@@ -619,7 +688,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(equal_trees_under_other_numbers_give_equal_files),
         cmocka_unit_test(pages_with_bricks_stand_alone_and_their_copies_become_one_node_again),
-        cmocka_unit_test(trees_that_share_too_much_are_stored_once),
+        cmocka_unit_test(trees_that_share_much_have_larger_pages),
+        cmocka_unit_test(an_edit_changes_only_pages_on_the_way_to_the_root),
         cmocka_unit_test(what_a_reader_would_refuse_is_an_argument_error),
         cmocka_unit_test(packing_only_reads_what_it_is_given),
         cmocka_unit_test(every_failing_allocation_of_the_writers_is_reported),

@@ -27,7 +27,7 @@ enum {
  *   level 4: node 0: next (0), by reference 0; node 1: other 0, next (1)
  */
 static const uint8_t whole[] = {
-    2,
+    3,
     5,
     3,
     1,
@@ -38,13 +38,13 @@ static const uint8_t whole[] = {
     2,
     0,
     9,
-    3, /* others: page 263, 9; page 263, 13 */
+    3, /* others: link 263, 9; link 263, 13 */
     MASK(X, N, 1, X),
     3, /* references: other 1 is 2 + 1 */
     1,
     5,
     0x80,
-    1, /* other: page 5, 128 */
+    1, /* other: link 5, 128 */
     MASK(X, N, 0, 0),
     MASK(N, X, 0, 0),
     0,
@@ -79,7 +79,10 @@ static void a_page_reads_as_the_format_says(void **state)
 {
     (void)state;
     struct umb__page page;
+    uint8_t links[264] = {8, 3}; /* pages 4, 3, 4, 5 ... 265 */
     assert_int_equal(umb__page_parse(whole, sizeof whole, &page, NULL), UMB_OK);
+    assert_int_equal(page.link_count, sizeof links);
+    assert_int_equal(umb__page_set_links(&page, links, sizeof links, NULL), UMB_OK);
     assert_int_equal(page.node_count[5], 1);
     assert_int_equal(page.node_count[4], 2);
     assert_int_equal(page.node_count[3], 2);
@@ -87,14 +90,14 @@ static void a_page_reads_as_the_format_says(void **state)
     assert_int_equal(page.child_count[4], 4);
     struct umb__page_others others = umb__page_others(&page, 5);
     struct umb__node_place place = umb__page_others_next(&others);
-    assert_int_equal(place.page, 263);
+    assert_int_equal(place.page, 265);
     assert_int_equal(place.position, 9);
     place = umb__page_others_next(&others);
-    assert_int_equal(place.page, 263);
+    assert_int_equal(place.page, 265);
     assert_int_equal(place.position, 13);
     others = umb__page_others(&page, 4);
     place = umb__page_others_next(&others);
-    assert_int_equal(place.page, 5);
+    assert_int_equal(place.page, 7);
     assert_int_equal(place.position, 128);
 
     uint16_t mask;
@@ -131,7 +134,7 @@ static void a_reference_moves_the_next_node_behind_itself(void **state)
     (void)state;
     /* Level 5 over four nodes of level 4, none of which has children: 2 by reference, the next, 0
      * by reference, and the next would be 4. */
-    uint8_t bytes[] = {2, 5, 4, 1, 4, 0, MASK(N, X, N, 0), 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+    uint8_t bytes[] = {3, 5, 4, 1, 4, 0, MASK(N, X, N, 0), 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
     struct umb__page page;
     assert_int_equal(umb__page_parse(bytes, sizeof bytes, &page, NULL), UMB_OK);
     struct umb__page_nodes nodes = umb__page_nodes(&page, 5);
@@ -178,8 +181,8 @@ static void what_a_page_must_not_say_is_refused_by_name(void **state)
 {
     (void)state;
     expect(0, 1, UMB_E_VERSION,
-           "encoding 1, this reader knows 2; made by an earlier version: bake the scene again");
-    expect(0, 3, UMB_E_VERSION, "encoding 3, this reader knows 2; made by a later version");
+           "encoding 1, this reader knows 3; made by an earlier version: bake the scene again");
+    expect(0, 4, UMB_E_VERSION, "encoding 4, this reader knows 3; made by a later version");
     expect(1, 21, UMB_E_CORRUPT, "levels out of range");
     expect(1, 2, UMB_E_CORRUPT, "levels out of range");
     expect(2, 2, UMB_E_CORRUPT, "levels out of range");
@@ -193,23 +196,47 @@ static void what_a_page_must_not_say_is_refused_by_name(void **state)
     expect(25, 0x7f, UMB_E_CORRUPT, "leaves are cut");
 }
 
-/* Two others whose pages, or whose positions in one page, add up to 2^32. */
-static void places_beyond_32_bits_are_refused(void **state)
+/* Two others whose links are too many, or whose positions in one page add up to 2^32. */
+static void places_out_of_range_are_refused(void **state)
 {
     (void)state;
-    static const uint8_t pages[] = {
-        2, 4, 4, 1, 2, 0xff, 0xff, 0xff, 0xff, 15, 1, 0, 0, MASK(N, N, 0, 0), 0, 1};
+    static const uint8_t links[] = {3, 4, 4, 1, 2, 0xfe, 0xff, 3, 1, 0, 0, MASK(N, N, 0, 0), 0, 1};
     static const uint8_t positions[] = {
-        2, 4, 4, 1, 2, 7, 0, 0xff, 0xff, 0xff, 0xff, 15, 0, MASK(N, N, 0, 0), 0, 1};
-    static const uint8_t long_number[] = {2, 4, 4, 0xff, 0xff, 0xff, 0xff, 0x1f};
+        3, 4, 4, 1, 2, 7, 0, 0xff, 0xff, 0xff, 0xff, 15, 0, MASK(N, N, 0, 0), 0, 1};
+    static const uint8_t long_number[] = {3, 4, 4, 0xff, 0xff, 0xff, 0xff, 0x1f};
     struct umb__page page;
     struct umb_error error;
-    assert_int_equal(parse(pages, sizeof pages, &page, &error), UMB_E_CORRUPT);
-    assert_non_null(strstr(error.message, "a page number is not a number or out of range"));
+    assert_int_equal(parse(links, sizeof links, &page, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, "a link is not a number or out of range"));
     assert_int_equal(parse(positions, sizeof positions, &page, &error), UMB_E_CORRUPT);
     assert_non_null(strstr(error.message, "a position is not a number or out of range"));
     assert_int_equal(parse(long_number, sizeof long_number, &page, &error), UMB_E_CORRUPT);
     assert_non_null(strstr(error.message, "counts are cut"));
+}
+
+static void expect_links(const uint8_t *links, size_t size, const char *words)
+{
+    struct umb__page page;
+    struct umb_error error = {0};
+    assert_int_equal(umb__page_parse(whole, sizeof whole, &page, NULL), UMB_OK);
+    assert_int_equal(umb__page_set_links(&page, links, size, &error), UMB_E_CORRUPT);
+    assert_non_null(strstr(error.message, words));
+}
+
+static void links_are_as_many_as_the_page_uses_and_lead_to_pages(void **state)
+{
+    (void)state;
+    uint8_t links[270] = {0};
+    expect_links(links, 263, "263 links, its nodes use 264");
+    expect_links(links, 265, "265 links, its nodes use 264");
+    links[0] = 1; /* page -1 */
+    expect_links(links, 264, "leads to no page");
+    const uint8_t far[] = {0xfe, 0xff, 0xff, 0xff, 15, 0}; /* page 2^31 - 1, then 2^31 */
+    memcpy(links, far, sizeof far);
+    expect_links(links, 268, "leads to no page");
+    links[263] = 0x80; /* cut */
+    memset(links, 0, 263);
+    expect_links(links, 264, "a link is not a number");
 }
 
 static void lists_of_any_limit_give_back_their_numbers(void **state)
@@ -244,7 +271,7 @@ static void bits_that_a_list_leaves_are_zero(void **state)
 {
     (void)state;
     /* A node of level 4 with one child, the last of 257 others: 9 bits, 7 are left. */
-    uint8_t bytes[600] = {2, 4, 4, 1, 0x81, 2};
+    uint8_t bytes[600] = {3, 4, 4, 1, 0x81, 2};
     memset(bytes + 6, 1, 514);
     const uint8_t rest[] = {MASK(N, 0, 0, 0), 0, 1};
     memcpy(bytes + 520, rest, sizeof rest);
@@ -286,7 +313,8 @@ int main(void)
         cmocka_unit_test(a_reference_moves_the_next_node_behind_itself),
         cmocka_unit_test(every_cut_of_a_page_and_every_byte_behind_it_is_refused),
         cmocka_unit_test(what_a_page_must_not_say_is_refused_by_name),
-        cmocka_unit_test(places_beyond_32_bits_are_refused),
+        cmocka_unit_test(places_out_of_range_are_refused),
+        cmocka_unit_test(links_are_as_many_as_the_page_uses_and_lead_to_pages),
         cmocka_unit_test(lists_of_any_limit_give_back_their_numbers),
         cmocka_unit_test(bits_that_a_list_leaves_are_zero),
         cmocka_unit_test(numbers_are_as_short_as_can_be),

@@ -31,7 +31,8 @@ static void reopen(bool with_block)
     struct umb_file_head facts;
     assert_int_equal(umb_file_read_head(f.file.data, UMB_FILE_HEAD_BYTES, &facts, &error), UMB_OK);
     const size_t front = (size_t)facts.open_bytes;
-    assert_int_equal(front, head + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY);
+    assert_int_equal(front, head + umb__load32(f.file.data + UMB__HEAD_FIRST_BLOCK));
+    assert_true(front >= head + (size_t)UMB__BLOCK_PAGES * UMB__PAGE_ENTRY);
     umb_partial_close(f.partial);
     if (umb_partial_open(f.file.data, with_block ? front : head, &options, &f.partial, &error) !=
         UMB_OK) {
@@ -104,7 +105,7 @@ static void a_page_waits_for_its_block(void **state)
     assert_true(offset == 0 && length == 0);
     assert_int_equal(umb_partial_add(f.partial, UMB__BLOCK_PAGES, f.file.data, 100, &error),
                      UMB_E_STATE);
-    assert_non_null(strstr(error.message, "page 64 of the file: block 1 of the directory"));
+    assert_non_null(strstr(error.message, "page 32 of the file: block 1 of the directory"));
     assert_int_equal(umb_partial_missing_blocks(f.partial, 0, list, 64), 0); /* nothing is wanted */
     umb_partial_get_stats(f.partial, &stats);
     assert_int_equal(umb_partial_missing_blocks(f.partial, 1, list, 64), stats.block_count - 1);

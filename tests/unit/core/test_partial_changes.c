@@ -24,8 +24,8 @@ static struct umb_box cube_at(const double *low, double side)
                             {low[0] + side, low[1] + side, low[2] + side}};
 }
 
-/* An asset of partial_scene. alone: pages of the lowest levels refer to no other page. */
-static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, bool alone)
+/* An asset of partial_scene. In: page_bytes: most estimated bytes of a page; 0: as packed. */
+static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, uint32_t page_bytes)
 {
     const struct voxels voxels = {partial_scene, NULL, log2_size, frusta};
     struct bytes file = {0};
@@ -40,7 +40,7 @@ static struct bytes scene_file(uint32_t log2_size, uint32_t frusta, bool alone)
                                       .octree = &octree,
                                       .sha256 = &test_digest,
                                       .sink = &sink,
-                                      .never_copies = !alone};
+                                      .page_bytes = page_bytes};
     if (umb__pack_run(&job, id, &error) != UMB_OK) {
         fail_msg("%s", error.message);
     }
@@ -52,19 +52,19 @@ static struct subject subject_of(unsigned number)
 {
     static const double zero[3] = {0, 0, 0};
     static const struct deep deep[] = {
-        {13, 1, 8, 7},
-        {20, 40, 8, 1},
-        {19, 700, 3, 3},
-        {14, 1500, 4, 9},
+        {13, 1, 8, 7, 32},
+        {20, 40, 8, 1, 1024},
+        {19, 150, 3, 3, 0},
+        {14, 300, 4, 9, 0},
     };
     const struct umb_box scene = cube_at(fixture_origin, 70);
     switch (number) {
     case 0:
-        return (struct subject){"two lights", scene_file(8, 2, true), scene, 2};
+        return (struct subject){"two lights", scene_file(8, 2, 0), scene, 2};
     case 1:
-        return (struct subject){"links between bricks", scene_file(8, 1, false), scene, 1};
+        return (struct subject){"small pages", scene_file(8, 1, 1024), scene, 1};
     case 2:
-        return (struct subject){"six lights", scene_file(7, 6, true), scene, 6};
+        return (struct subject){"six lights", scene_file(7, 6, 0), scene, 6};
     case 3: {
         const double low[3] = {spot_eye[0] - 20, spot_eye[1] - 20, spot_eye[2]};
         return (struct subject){"spot", spot_file(), cube_at(low, 40), 1};

@@ -105,7 +105,7 @@ static void a_chain_of_eight_equal_children_is_walked_in_bounded_steps(void **st
 {
     (void)state;
     for (uint32_t log2_size = 13; log2_size <= UMB_LEVEL_MAX; log2_size++) {
-        assert_true(try_deep(&(struct deep){log2_size, 1, 8, 7}, false));
+        assert_true(try_deep(&(struct deep){log2_size, 1, 8, 7, 32}, false));
     }
 }
 
@@ -114,7 +114,8 @@ static void diamonds_are_walked_in_bounded_steps_and_miss_nothing(void **state)
 {
     (void)state;
     static const struct deep shapes[] = {
-        {20, 2, 8, 1}, {20, 8, 5, 2}, {19, 64, 8, 3}, {20, 1000, 8, 4}, {20, 1500, 2, 5},
+        {20, 2, 8, 1, 32},    {20, 8, 5, 2, 64},   {19, 20, 8, 3, 512},
+        {20, 30, 8, 4, 1024}, {20, 60, 2, 5, 512},
     };
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i += (size_t)short_count(1, 2)) {
         const bool met = try_deep(&shapes[i], false);
@@ -155,7 +156,7 @@ static uint32_t worst_of_all(const struct umb_partial *p)
 static void the_page_that_matters_least_is_found_whatever_comes_and_goes(void **state)
 {
     (void)state;
-    const struct deep deep = {20, 1500, 2, 5};
+    const struct deep deep = {20, 60, 2, 5, 512};
     struct partial_fixture f = {.file = deep_asset(&deep, SIDE_M)};
     uint64_t seed = 77;
     f.partial = partial_open(&f.file, 0);

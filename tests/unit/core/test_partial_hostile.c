@@ -191,7 +191,8 @@ static void a_page_with_right_checks_and_a_wrong_hash_is_refused(void **state)
         struct umb_sink sink = bytes_sink(&lie);
         assert_int_equal(sink.write(sink.user, f.file.data, f.file.size), UMB_OK);
         assert_int_equal(umb__head_parse(lie.data, lie.size, &head, NULL), UMB_OK);
-        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        struct umb__page_entry entry = umb__directory_load(&head, number);
+        umb__directory_links(&head, &entry, NULL);
         uint8_t *raw = malloc(entry.raw_length);
         struct umb__page page;
         assert_int_equal(umb__page_expand(zstd, lie.data + entry.offset, &entry, raw, NULL),
@@ -227,7 +228,8 @@ static uint32_t spoil_link(struct bytes *file, uint32_t *target)
     assert_int_equal(umb__head_parse(file->data, file->size, &head, &error), UMB_OK);
     ZSTD_DCtx *zstd = ZSTD_createDCtx();
     for (uint32_t number = head.page_count; number-- > 0;) {
-        const struct umb__page_entry entry = umb__directory_load(&head, number);
+        struct umb__page_entry entry = umb__directory_load(&head, number);
+        umb__directory_links(&head, &entry, NULL);
         uint8_t *raw = malloc(entry.raw_length);
         struct umb__page page;
         assert_int_equal(umb__page_expand(zstd, file->data + entry.offset, &entry, raw, &error),
