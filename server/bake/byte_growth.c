@@ -18,18 +18,9 @@
 #define GROWTH_MAX 4.0 /* areas */
 
 /* The density is the number of packed bytes for each estimated byte of nodes. DENSITY_TREND: share
- * of its last change that continues at each doubling. REFERENCES: growth of the density, by
- * references to shared nodes, when copies grow e times. */
+ * of its last change that continues at each doubling. */
 #define DENSITY_TREND 0.8
 #define DENSITY_MIN   0.4
-#define REFERENCES    0.06
-
-/* Limit of the growth of the bytes that copies of nodes would add, and the share of that growth
- * that continues at each doubling. */
-#define COPIES_GROWTH_MAX   3.0
-#define COPIES_GROWTH_TREND 0.7
-/* Factor by which the forecast of copies may be wrong, as a logarithm. */
-#define COPIES_DOUBT 0.7
 
 /* Limit of the growth of the ratio of bytes, closed rule to open rule, in a doubling. The closed
  * rule saves about the same share or more at each doubling. */

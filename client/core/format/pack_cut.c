@@ -46,7 +46,9 @@ struct cutting {
     uint32_t *sums[UMB_LEVEL_MAX + 1];
     struct cutter cutters[HELPERS_MAX];
     unsigned helpers;
-    uint32_t level; /* Level that the helpers cut */
+    uint32_t level;      /* Level that the helpers cut */
+    uint64_t once;       /* Estimated bytes of all nodes, each once */
+    uint64_t most_bytes; /* Estimated bytes of all pages above which the cut is given up */
 };
 
 static uint32_t children_of(const struct cutting *c, uint32_t level, uint32_t node,
@@ -206,10 +208,13 @@ static void cut_node(const struct cutting *c, struct cutter *cutter, uint32_t le
     c->sums[level][node] = bytes;
 }
 
-/* Cuts some of the level's nodes. */
+/* Cuts some of the level's nodes, unless this helper's pages alone exceed the limit. */
 static void cut_job(void *user, uint32_t job, unsigned worker)
 {
     struct cutting *c = user;
+    if (c->cutters[worker].page_bytes > c->most_bytes) {
+        return;
+    }
     const uint32_t first = job * JOB_NODES, left = c->octree->level[c->level].count - first;
     const uint32_t count = left < JOB_NODES ? left : JOB_NODES;
     for (uint32_t node = first; node < first + count; node++) {
@@ -219,9 +224,22 @@ static void cut_job(void *user, uint32_t job, unsigned worker)
     }
 }
 
+/* Returns the estimated bytes of all pages cut so far. */
+static uint64_t page_bytes(const struct cutting *c)
+{
+    uint64_t bytes = 0;
+    for (unsigned i = 0; i < c->helpers; i++) {
+        bytes += c->cutters[i].page_bytes;
+    }
+    return bytes;
+}
+
+/* Cuts level after level. Pages are only ever added, so once they exceed the limit the result is
+ * known, and the levels above are left out. */
 static void cut_levels(struct cutting *c, const struct umb_workers *workers)
 {
-    for (c->level = UMB_LEVEL_BRICK + 1; c->level <= UMB_LEVEL_MAX; c->level++) {
+    for (c->level = UMB_LEVEL_BRICK + 1;
+         c->level <= UMB_LEVEL_MAX && page_bytes(c) <= c->most_bytes; c->level++) {
         const uint32_t count = c->octree->level[c->level].count;
         const uint32_t jobs = count / JOB_NODES + (count % JOB_NODES > 0);
         if (workers && jobs > 1) {
@@ -300,31 +318,29 @@ static bool begin_cutters(struct cutting *c, uint32_t page_bytes)
     return true;
 }
 
-/* Cuts the octree into pages of at most page_bytes. */
-static enum umb_status cut_all(struct cutting *c, const struct umb_workers *workers,
-                               uint32_t page_bytes, struct umb_error *error)
+/* Cuts the octree into pages of at most `most` bytes. With a limit of copies, the cut is given up
+ * as soon as it exceeds the limit. */
+static enum umb_status cut_all(struct cutting *c, const struct umb_workers *workers, uint32_t most,
+                               double copies_max, struct umb_error *error)
 {
     struct umb__pack_cuts *cuts = c->cuts;
-    uint64_t once = 0, bytes = 0;
-    cuts->page_bytes = page_bytes;
-    if (!begin_cutters(c, page_bytes)) {
+    cuts->page_bytes = most;
+    c->most_bytes = copies_max > 0.0 ? (uint64_t)(copies_max * (double)c->once) : UINT64_MAX;
+    if (!begin_cutters(c, most)) {
         return umb__pack_no_memory(error);
     }
     cut_levels(c, workers);
-    cut_roots(c);
-    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        once += c->survey->bytes[level];
+    if (page_bytes(c) <= c->most_bytes) {
+        cut_roots(c);
     }
-    for (unsigned i = 0; i < c->helpers; i++) {
-        bytes += c->cutters[i].page_bytes;
-    }
-    cuts->copies = once > 0 && bytes > once ? (double)bytes / (double)once : 1.0;
+    const uint64_t bytes = page_bytes(c);
+    cuts->copies = c->once > 0 && bytes > c->once ? (double)bytes / (double)c->once : 1.0;
     return UMB_OK;
 }
 
 enum umb_status umb__pack_cut(const struct umb__octree *octree,
                               const struct umb__pack_survey *survey,
-                              const struct umb_workers *workers, uint32_t page_bytes,
+                              const struct umb_workers *workers, uint32_t most,
                               struct umb__pack_cuts *cuts, struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;
@@ -338,11 +354,17 @@ enum umb_status umb__pack_cut(const struct umb__octree *octree,
     c->octree = octree;
     c->survey = survey;
     c->helpers = workers ? workers->count : 1;
+    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
+        c->once += survey->bytes[level];
+    }
     enum umb_status status = allocate(c) ? UMB_OK : umb__pack_no_memory(error);
-    const uint32_t first = page_bytes > 0 ? page_bytes : UMB__PAGE_BYTES;
-    status = status == UMB_OK ? cut_all(c, workers, first, error) : status;
-    if (status == UMB_OK && page_bytes == 0 && cuts->copies > UMB__PAGE_COPIES_MAX) {
-        status = cut_all(c, workers, UMB__PAGE_BYTES_SHARED, error);
+    if (status == UMB_OK && most > 0) {
+        status = cut_all(c, workers, most, 0.0, error);
+    } else if (status == UMB_OK) {
+        status = cut_all(c, workers, UMB__PAGE_BYTES, UMB__PAGE_COPIES_MAX, error);
+        if (status == UMB_OK && cuts->copies > UMB__PAGE_COPIES_MAX) {
+            status = cut_all(c, workers, UMB__PAGE_BYTES_SHARED, 0.0, error);
+        }
     }
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(alloc, c->sums[level]);

@@ -53,13 +53,13 @@ struct umb__pack_cuts {
 };
 
 /*
- * Cuts a surveyed octree. In: workers: or NULL; the result is the same. page_bytes: most estimated
- * bytes of a page; 0: the size that the format page chooses. Out: cuts: finish them also after a
+ * Cuts a surveyed octree. In: workers: or NULL; the result is the same. most: most estimated bytes
+ * of a page; 0: the size that the format page chooses. Out: cuts: finish them also after a
  * failure. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umb__pack_cut(const struct umb__octree *octree,
                                           const struct umb__pack_survey *survey,
-                                          const struct umb_workers *workers, uint32_t page_bytes,
+                                          const struct umb_workers *workers, uint32_t most,
                                           struct umb__pack_cuts *cuts, struct umb_error *error);
 void umb__pack_cuts_finish(struct umb__pack_cuts *cuts);
 
