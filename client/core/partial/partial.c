@@ -3,6 +3,7 @@
  * of memory; see partial.h. */
 #include "umbrage/partial.h"
 
+#include <float.h>
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
@@ -427,21 +428,31 @@ static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__p
     return keep(p, &page, entry, stored, raw, error);
 }
 
+/* Frees uncompressed pages, else the spares of another version, else the page of the least benefit,
+ * if that is below `benefit`. Returns false if there is none. */
+static bool give_way(struct umb_partial *p, double benefit)
+{
+    if (umb__partial_free_raw(p) || umb__spares_drop(p)) {
+        return true;
+    }
+    const uint32_t worst = umb__partial_worst(p);
+    if (worst == UINT32_MAX || p->pages[worst].benefit >= benefit) {
+        return false;
+    }
+    umb_partial_drop(p, worst);
+    p->dropped++;
+    return true;
+}
+
 /* Drops spares of another version, then pages of less benefit than a new one, until the new one
  * fits. */
 static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry)
 {
     const uint64_t needed = (uint64_t)entry->raw_length + entry->stored_length + ROOM_FOR_LINKS;
     while (p->meter.limit - p->meter.used < needed) {
-        if (umb__partial_free_raw(p) || umb__spares_drop(p)) {
-            continue;
-        }
-        const uint32_t worst = umb__partial_worst(p);
-        if (worst == UINT32_MAX || p->pages[worst].benefit >= p->pages[entry->page].benefit) {
+        if (!give_way(p, p->pages[entry->page].benefit)) {
             return false;
         }
-        umb_partial_drop(p, worst);
-        p->dropped++;
     }
     return true;
 }
@@ -549,10 +560,10 @@ enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, con
     }
     UMB__TRY(umb__block_check(&p->head, block, bytes, length, NULL, error));
     UMB__TRY(umb__block_prove(&p->head, block, bytes, length, p->sha256, error));
-    uint8_t *copy = umb__alloc(&p->alloc, size, 1);
-    if (!copy && umb__spares_drop(p)) {
+    uint8_t *copy;
+    do { /* Pages without benefit give way. Ends: each step frees something */
         copy = umb__alloc(&p->alloc, size, 1);
-    }
+    } while (!copy && give_way(p, DBL_MIN));
     if (!copy) {
         return no_memory(error, "a block of the directory");
     }

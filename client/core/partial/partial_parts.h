@@ -119,6 +119,8 @@ struct umb_partial {
     uint64_t held_bytes;
     uint64_t dropped, builds;
     struct umb__spare *spares; /* [spare_count] In the order of their hashes; NULL: none */
+    uint8_t **spare_blocks;    /* [head.directory_count] Blocks of another version with the hash of
+                                  this one's; NULL: none. Entries may be NULL */
     uint32_t spare_count;
     uint64_t spare_bytes; /* Stored bytes of spares that are not taken */
     uint64_t inherited;   /* Number of spares that became pages */
@@ -174,8 +176,9 @@ void umb__partial_add_spare(struct umb_partial *p, uint32_t page, uint8_t *store
 
 /* --- pages of another version (partial_spares.c) ---------------------------------------------- */
 
-/* Adds the missing pages of a held block for which there is a spare. Cost: a look-up for each page
- * of the block, and the pages found. */
+/* Adds the missing pages of a held block for which there is a spare, and the neighbouring blocks
+ * that can now be placed, with their pages. Cost: a look-up for each page of the blocks, and the
+ * pages found. */
 void umb__spares_use(struct umb_partial *p, uint32_t block);
 
 /* Frees the spares. Returns false if there are none. */

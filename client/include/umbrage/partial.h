@@ -163,10 +163,11 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial,
 
 /*
  * Takes over pages of another version of the asset: those that `from` holds, and those that it had
- * inherited and not used. From now on a page whose hash stands in a held block of the directory, or
+ * inherited and not used; and blocks of the directory that both versions have, as soon as their
+ * neighbours tell the places of their pages. From now on a page whose hash stands in a held block of the directory, or
  * in one that is added later, is held without having been read again. Each such page passes the
- * checks of umb_partial_add; a page that fails them stays missing. `from` then holds no pages; its
- * last build still answers.
+ * checks of umb_partial_add; a page that fails them stays missing. `from` is then only good for
+ * queries of its last build, and for umb_partial_close.
  *
  * In:    from: another partial asset with the same allocator.
  * Fails: E_ARGUMENT (from), E_STATE (has inherited before, and some of it is left), E_NO_MEMORY
