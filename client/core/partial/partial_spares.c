@@ -143,6 +143,15 @@ void umb__spares_use(struct umb_partial *p, uint32_t block)
     }
 }
 
+uint32_t umb__spares_before(const struct umb_partial *p, uint32_t block)
+{
+    uint32_t before = block;
+    while (before > 0 && p->spare_blocks && p->spare_blocks[before]) {
+        before--;
+    }
+    return p->blocks[before] ? block : before;
+}
+
 bool umb__spares_drop(struct umb_partial *p)
 {
     const bool any = p->spares != NULL;

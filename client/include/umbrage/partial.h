@@ -141,7 +141,8 @@ UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_
 
 /*
  * Lists missing blocks in the order of the file. all: every missing block; else those with missing
- * pages that matter. Returns the number of listed blocks, at most room.
+ * pages that matter. In place of a block that is in another version too (umb_partial_inherit), the
+ * list has the block before it that tells its place. Returns the number of listed blocks, at most room.
  */
 UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
                                           uint32_t *list, size_t room);
