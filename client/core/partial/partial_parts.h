@@ -181,8 +181,8 @@ void umb__partial_add_spare(struct umb_partial *p, uint32_t page, uint8_t *store
  * pages found. */
 void umb__spares_use(struct umb_partial *p, uint32_t block);
 
-/* Returns the block to read for a missing one: itself, or the block before it by which its spare one
- * can be placed. */
+/* Returns the block to read for a missing one: itself, or the block before it by which its spare
+ * one can be placed. */
 uint32_t umb__spares_before(const struct umb_partial *p, uint32_t block);
 
 /* Frees the spares. Returns false if there are none. */

@@ -142,7 +142,8 @@ UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_
 /*
  * Lists missing blocks in the order of the file. all: every missing block; else those with missing
  * pages that matter. In place of a block that is in another version too (umb_partial_inherit), the
- * list has the block before it that tells its place. Returns the number of listed blocks, at most room.
+ * list has the block before it that tells its place. Returns the number of listed blocks, at most
+ * room.
  */
 UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
                                           uint32_t *list, size_t room);
@@ -165,10 +166,10 @@ UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial,
 /*
  * Takes over pages of another version of the asset: those that `from` holds, and those that it had
  * inherited and not used; and blocks of the directory that both versions have, as soon as their
- * neighbours tell the places of their pages. From now on a page whose hash stands in a held block of the directory, or
- * in one that is added later, is held without having been read again. Each such page passes the
- * checks of umb_partial_add; a page that fails them stays missing. `from` is then only good for
- * queries of its last build, and for umb_partial_close.
+ * neighbours tell the places of their pages. From now on a page whose hash stands in a held block
+ * of the directory, or in one that is added later, is held without having been read again. Each
+ * such page passes the checks of umb_partial_add; a page that fails them stays missing. `from` is
+ * then only good for queries of its last build, and for umb_partial_close.
  *
  * In:    from: another partial asset with the same allocator.
  * Fails: E_ARGUMENT (from), E_STATE (has inherited before, and some of it is left), E_NO_MEMORY
