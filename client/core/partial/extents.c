@@ -119,8 +119,9 @@ bool umb__extents_take(struct umb__extents *extents, uint32_t count, uint32_t *e
 {
     const uint32_t found = find(extents, count);
     if (found != UMB__NO_EXTENT) {
-        *extent = found;
-        return take_from(extents, found, count);
+        const bool taken = take_from(extents, found, count);
+        *extent = taken ? found : *extent; /* A range that is still free must not be given back */
+        return taken;
     }
     const uint32_t at = count < UINT32_MAX - extents->end ? new_record(extents) : UMB__NO_EXTENT;
     if (at == UMB__NO_EXTENT) {

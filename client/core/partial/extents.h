@@ -42,7 +42,7 @@ struct umb__extents {
 };
 
 /* Takes a range of `count` items, at least 1. The array may have to grow to extents->end. Returns
- * false if out of memory or beyond 2^32 - 1 items. */
+ * false if out of memory or beyond 2^32 - 1 items; `extent` then keeps its value. */
 bool umb__extents_take(struct umb__extents *extents, uint32_t count, uint32_t *extent);
 
 /* Gives a range back. */

@@ -77,11 +77,44 @@ static void a_range_beyond_the_numbers_is_refused(void **state)
     umb__extents_finish(&extents);
 }
 
+static void *resize_or_refuse(void *user, void *block, size_t bytes)
+{
+    if (bytes == 0) {
+        free(block);
+        return NULL;
+    }
+    return *(const bool *)user ? NULL : realloc(block, bytes);
+}
+
+static void a_range_that_memory_refuses_to_divide_stays_free(void **state)
+{
+    (void)state;
+    bool refuses = false;
+    const struct umb_alloc alloc = {resize_or_refuse, &refuses};
+    struct umb__extents extents = {.alloc = &alloc};
+    uint32_t extent, hole = 0;
+    do {
+        assert_true(umb__extents_take(&extents, 8, &extent));
+        hole = extents.item_count == 2 ? extent : hole;
+    } while (extents.item_count < 3 || extents.item_count < extents.item_capacity);
+    const uint32_t end = extents.end;
+    umb__extents_give(&extents, hole);
+    refuses = true;
+    extent = UMB__NO_EXTENT;
+    assert_false(umb__extents_take(&extents, 3, &extent));
+    assert_int_equal(extent, UMB__NO_EXTENT); /* A caller would give it back a second time */
+    assert_true(umb__extents_take(&extents, 8, &extent));
+    assert_int_equal(extent, hole);
+    assert_int_equal(extents.end, end);
+    umb__extents_finish(&extents);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ranges_of_any_order_never_overlap_and_join_again),
         cmocka_unit_test(a_range_beyond_the_numbers_is_refused),
+        cmocka_unit_test(a_range_that_memory_refuses_to_divide_stays_free),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
