@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * umbrage stream: fetches the part of an asset that a box, a camera, a path or some points need,
- * from a file, a web server or a daemon, and shows how it sharpens.
+ * from a file, a web server or a daemon, and shows how it sharpens. With --follow it then moves to
+ * each new version and reads the pages that changed.
  */
 #include "cli/shared/cli_common.h"
 
@@ -12,18 +13,17 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "cli_http.h"
 #include "tool/base.h"
 #include "tool/json.h"
 #include "tool/output.h"
 #include "tool/clock.h"
 #include "cli/shared/cli_points.h"
+#include "cli_origin.h"
 #include "cli_paging_view.h"
 #include "tool/tool_try.h"
 #include "umbrage/region.h"
 
-#define POINTS_MAX     (16U << 20)
-#define CALL_TIMEOUT_S 60 /* time limit of the client library for a call; a round has many */
+#define POINTS_MAX (16U << 20)
 
 /* Points that are asked after each step. */
 struct points {
@@ -39,14 +39,15 @@ struct figures {
 };
 
 struct options {
-    const char *target;             /* Argument, or NULL */
-    const char *file, *url, *asset; /* Source: one is set; an asset is a daemon's */
-    struct umbu_session session;
+    const char *target; /* Argument, or NULL */
+    struct umbc_origin origin;
     const char *camera, *path, *points_file; /* Values of the options, or NULL */
     const char *resume, *output, *frames;
     enum umbc_points_format format; /* Format of points_file */
     bool with_normals;
     bool only_points, json, quiet;
+    bool follow;
+    uint32_t versions; /* Number of new versions after which --follow ends; 0: never */
     struct umb_region_options region;
     uint8_t id[UMB_ID_BYTES];
     struct umb_partial_view base; /* Settings that all views share */
@@ -55,7 +56,6 @@ struct options {
     uint32_t size[2];      /* Width and height of pictures in pixels */
     unsigned up;           /* 0 y, 1 z */
     uint64_t limit, round; /* Bytes to receive in all, and at once; 0 = no limit */
-    uint32_t timeout_s;    /* Time limit of the whole command in seconds; 0 = none */
     struct points points;
 };
 
@@ -70,11 +70,12 @@ static enum umb_status read_box(const struct umbu_option *option, const char *te
 
 static const struct umbu_option OPTIONS[] = {
     {"FILE|ASSET", NULL, "packed asset file (.umb), or asset of the daemon", UMBU_TEXT, AT(target)},
-    {"from-file", "FILE", "packed asset file (.umb)", UMBU_TEXT, AT(file), .excludes = "from-url"},
+    {"from-file", "FILE", "packed asset file (.umb)", UMBU_TEXT, AT(origin.file),
+     .excludes = "from-url"},
     {"from-url", "URL",
      "packed asset file on umbraged (--http) or a web server that serves byte ranges; a token is "
      "sent only with --token-file",
-     UMBU_TEXT, AT(url)},
+     UMBU_TEXT, AT(origin.url)},
     {"box", "X0,Y0,Z0,X1,Y1,Z1",
      "two corners, in metres, of the box that the queried points lie in",
      UMBU_READ(read_box, "X0,Y0,Z0,X1,Y1,Z1"), AT(base)},
@@ -103,7 +104,7 @@ static const struct umbu_option OPTIONS[] = {
      AT(base.max_error_rad), .needs = "camera|path"},
     {"limit", "BYTES", "bytes to receive before the command stops, as 64K or 2M", BYTES, AT(limit)},
     {"timeout", "SECONDS", "seconds after which the command stops and keeps what came",
-     UMBU_COUNT(1, UINT32_MAX / 1000), AT(timeout_s), .otherwise = "no limit"},
+     UMBU_COUNT(1, UINT32_MAX / 1000), AT(origin.timeout_s), .otherwise = "no limit"},
     {"round", "BYTES", "bytes to request at once", BYTES, AT(round), .otherwise = "chosen"},
     {"memory", "BYTES", "memory that the client may use in bytes", BYTES,
      AT(region.max_memory_bytes), .otherwise = "1G"},
@@ -113,8 +114,18 @@ static const struct umbu_option OPTIONS[] = {
      .letter = 'o'},
     {"frames", "DIR", "folder for a PPM picture of the points after each step", UMBU_TEXT,
      AT(frames), .needs = "points camera|path"},
-    {"json", NULL, "print one JSON object, with every step", UMBU_FLAG, AT(json),
-     .excludes = "output=-"},
+    {"follow", NULL,
+     "stays, moves to each new version of the asset, reads the pages that changed, and prints a "
+     "line a version",
+     UMBU_FLAG, AT(follow), .excludes = "frames"},
+    {"versions", "N", "new versions after which --follow ends", UMBU_COUNT(1, UINT32_MAX),
+     AT(versions), .otherwise = "no end", .needs = "follow"},
+    {"interval", "SECONDS",
+     "seconds between two looks at a file or URL for a new version; a daemon tells by itself",
+     UMBU_NUMBER(0.1, 86400), AT(origin.interval_s), .standard = "2"},
+    {"json", NULL,
+     "print one JSON object, with every step; with --follow another in a line for each version",
+     UMBU_FLAG, AT(json), .excludes = "output=-"},
     {UMBU_QUIET_ROW(struct options, "print nothing but errors")},
 };
 
@@ -123,7 +134,7 @@ static const struct umbu_command COMMAND = {
     .usage = "umbrage stream (FILE | ASSET | --from-file FILE | --from-url URL) [options]",
     .summary = "Fetches the part of an asset that is needed, coarse first, and shows how it\n"
                "sharpens. Without --box, --camera, --path or --points it fetches everything.",
-    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct options, session)},
+    .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct options, origin.session)},
 };
 
 static void set_pixels(struct umb_partial_view *view, size_t height)
@@ -263,11 +274,12 @@ static int options_parse(struct options *o, int argc, char **argv)
     if (code >= 0) {
         return code;
     }
-    if ((o->target != NULL) + (o->file != NULL) + (o->url != NULL) != 1) {
+    struct umbc_origin *origin = &o->origin;
+    if ((o->target != NULL) + (origin->file != NULL) + (origin->url != NULL) != 1) {
         return umbc_usage_error("stream", "give one of FILE, ASSET, --from-file and --from-url");
     }
     if (o->target != NULL) {
-        *(umbc_is_file(o->target) ? &o->file : &o->asset) = o->target;
+        *(umbc_is_file(o->target) ? &origin->file : &origin->asset) = o->target;
     }
     o->region.id = umbu_given(&parsed, "id") ? o->id : NULL;
     o->settings = (struct umb_query_settings){.light = o->base.light, .taps = o->base.taps};
@@ -285,32 +297,15 @@ struct step {
 
 struct stream {
     struct options o;
-    struct umb_client *client; /* NULL for a file and a URL */
     struct umb_region_source source;
     struct umb_region *region;
     struct step *steps; /* [step_count] */
     size_t step_count, step_capacity;
     size_t view;               /* number of the camera that is being fetched */
+    uint32_t version;          /* number of new versions that came */
     double started_s, aside_s; /* time of the start; time spent on figures and pictures */
     struct umb_error error;    /* error of the progress callback */
 };
-
-static enum umb_status open_source(struct stream *s, struct umb_error *error)
-{
-    if (s->o.url) {
-        return umbc_http_open(s->o.url, s->o.timeout_s > 0 ? umbu_clock_s() + s->o.timeout_s : 0,
-                              &s->o.session.options, &s->source, error);
-    }
-    if (s->o.file) {
-        return umb_region_file_open(s->o.file, &s->source, error);
-    }
-    struct umbu_session session = s->o.session;
-    if (s->o.timeout_s > 0 && s->o.timeout_s < CALL_TIMEOUT_S) {
-        session.options.call_timeout_ms = s->o.timeout_s * 1000;
-    }
-    UMB__TRY(umbu_connect(&session, &s->client, error));
-    return umb_region_daemon_open(s->client, s->o.asset, &s->source, error);
-}
 
 static void print_step(const struct stream *s, const struct step *step)
 {
@@ -358,10 +353,7 @@ static enum umb_status add_step(struct stream *s, struct umb_region *region, dou
     if (s->o.frames) {
         UMB__TRY(draw_step(s, &s->error));
     }
-    return s->o.timeout_s > 0 && now - s->started_s > s->o.timeout_s
-               ? umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over",
-                          s->o.timeout_s)
-               : UMB_OK;
+    return UMB_OK;
 }
 
 /* Called after new pages were laid out. The time that this callback takes does not count as time
@@ -370,9 +362,15 @@ static enum umb_status on_progress(void *user, struct umb_region *region)
 {
     struct stream *s = user;
     const double now = umbu_clock_s();
-    const enum umb_status status = add_step(s, region, now);
-    s->aside_s += umbu_clock_s() - now;
-    return status;
+    const uint32_t limit_s = s->o.origin.timeout_s;
+    if (s->version == 0) { /* a new version has one line, and no steps */
+        const enum umb_status status = add_step(s, region, now);
+        s->aside_s += umbu_clock_s() - now;
+        UMB__TRY(status);
+    }
+    return limit_s > 0 && now - s->started_s > limit_s
+               ? umb_fail(&s->error, UMB_E_DEADLINE, "--timeout: %u seconds are over", limit_s)
+               : UMB_OK;
 }
 
 static enum umb_status open_region(struct stream *s, struct umb_error *error)
@@ -485,17 +483,122 @@ static enum umb_status save(void *user, const struct umb_sink *sink, struct umb_
     return umb_partial_save(umb_region_partial(s->region), sink, error);
 }
 
+/* --- new versions --- */
+
+/* Prints what the version cost. In: before: figures of the region before it came. */
+static void print_version(const struct stream *s, const struct umb_region_stats *before,
+                          double seconds)
+{
+    struct umb_region_stats now;
+    struct umb_asset_info info;
+    char id[UMB_ID_TEXT_SIZE], bytes[32];
+    umb_region_get_stats(s->region, &now);
+    umb_asset_get_info(umb_partial_lower(umb_region_partial(s->region)), &info);
+    umb_id_to_text(info.id, id);
+    const uint64_t received = now.received_bytes - before->received_bytes;
+    const uint64_t fetched = now.pages_received - before->pages_received;
+    if (s->o.json) {
+        struct umbu_json json = umbu_json_open(stdout);
+        umbc_json_id(&json, "asset", info.id);
+        UMBU_JSON_COUNTS(&json, {"version", s->version}, {"asset_bytes", now.partial.asset_bytes},
+                         {"page_count", now.partial.page_count},
+                         {"pages_held", now.partial.pages_held},
+                         {"pages_kept", now.partial.pages_inherited}, {"pages_fetched", fetched},
+                         {"bytes", received}, {"requests", now.requests - before->requests},
+                         {"rounds", now.rounds - before->rounds});
+        umbu_json_number(&json, "seconds", seconds);
+        umbu_json_close(&json);
+        (void)fflush(stdout);
+    } else if (!s->o.quiet) {
+        umbc_format_bytes(received, bytes);
+        (void)fprintf(stderr,
+                      "version %" PRIu32 "  %.16s  %6" PRIu64 " pages kept  %6" PRIu64
+                      " fetched  %10s  %.2f s\n",
+                      s->version, id, now.partial.pages_inherited, fetched, bytes, seconds);
+    }
+}
+
+/* Reads the id of the region's version, from its head. */
+static enum umb_status read_version(const struct stream *s, struct umb_file_head *head,
+                                    struct umb_error *error)
+{
+    struct umb_region_stats stats;
+    umb_region_get_stats(s->region, &stats);
+    return umb_file_read_head(umb_partial_head(umb_region_partial(s->region)),
+                              (size_t)stats.partial.head_bytes, head, error);
+}
+
+/* Moves the region to the version that is there now, and fetches what changed. */
+static enum umb_status move_on(struct stream *s, struct umb_error *error)
+{
+    struct umb_region_source source;
+    UMB__TRY(umbc_origin_open(&s->o.origin, &source, error));
+    const enum umb_status status = umb_region_retarget(s->region, &source, NULL, error);
+    if (status != UMB_OK) {
+        umbc_origin_close(&s->o.origin, &source);
+        return status;
+    }
+    umbc_origin_close(&s->o.origin, &s->source);
+    s->source = source;
+    return fetch(s, error);
+}
+
+/* Returns true if the origin has another version than the region: what failed was reading one that
+ * has been replaced. */
+static bool is_replaced(struct stream *s)
+{
+    struct umb_file_head head;
+    struct umb_region_source source;
+    uint8_t id[UMB_ID_BYTES];
+    if (read_version(s, &head, NULL) != UMB_OK ||
+        umbc_origin_open(&s->o.origin, &source, NULL) != UMB_OK) {
+        return false;
+    }
+    const bool read = umb_region_source_id(&source, id, NULL) == UMB_OK;
+    umbc_origin_close(&s->o.origin, &source);
+    return read && memcmp(id, head.id, UMB_ID_BYTES) != 0;
+}
+
+/* Follows the asset from version to version. */
+static enum umb_status follow(struct stream *s, struct umb_error *error)
+{
+    struct umb_region_stats before;
+    umb_region_get_stats(s->region, &before);
+    if (s->o.json) {
+        print_json(s);
+        (void)fflush(stdout);
+    }
+    while (s->o.versions == 0 || s->version < s->o.versions) {
+        struct umb_file_head head;
+        UMB__TRY(read_version(s, &head, error));
+        UMB__TRY(umbc_origin_wait(&s->o.origin, head.id, error));
+        const double began_s = umbu_clock_s();
+        s->version++;
+        const enum umb_status status = move_on(s, error);
+        if (status == UMB_OK) {
+            print_version(s, &before, umbu_clock_s() - began_s);
+            umb_region_get_stats(s->region, &before);
+        } else if (status == UMB_E_DEADLINE || !is_replaced(s)) {
+            return status;
+        } else {
+            s->version--;
+        }
+    }
+    return UMB_OK;
+}
+
 /* Opens the source and the region, and fetches. */
 static enum umb_status fetch_all(struct stream *s, struct umb_error *error)
 {
-    UMB__TRY(open_source(s, error));
+    UMB__TRY(umbc_origin_open(&s->o.origin, &s->source, error));
     if (s->o.frames && mkdir(s->o.frames, 0777) != 0 && errno != EEXIST) {
         return umb_fail_errno(error, UMB_E_CANNOT_CREATE, errno, "cannot create '%.200s'",
                               s->o.frames);
     }
     s->started_s = umbu_clock_s();
     UMB__TRY(open_region(s, error));
-    return fetch(s, error);
+    UMB__TRY(fetch(s, error));
+    return s->o.follow ? follow(s, error) : UMB_OK;
 }
 
 static int run(struct stream *s)
@@ -513,7 +616,7 @@ static int run(struct stream *s)
     if (status != UMB_OK) {
         return umbc_complain(&error);
     }
-    if (s->o.json) {
+    if (s->o.json && !s->o.follow) {
         print_json(s);
     }
     return umbc_finish_stdout(0);
@@ -526,14 +629,8 @@ int umbc_paging(int argc, char **argv)
     int code = options_parse(&s.o, argc, argv);
     code = code >= 0 ? code : run(&s);
     umb_region_close(s.region);
-    if (s.o.url) {
-        umbc_http_close(&s.source);
-    } else if (s.o.file) {
-        umb_region_file_close(&s.source);
-    } else {
-        umb_region_daemon_close(&s.source);
-    }
-    umb_client_close(s.client);
+    umbc_origin_close(&s.o.origin, &s.source);
+    umbc_origin_finish(&s.o.origin);
     umbc_batch_finish(&s.o.points.list);
     free(s.o.points.values);
     free(s.o.points.error_m);

@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "cli_bundle.h"
-#include "cli_http.h"
+#include "cli_origin.h"
 #include "cli_view_server.h"
 #include "cli_view_site.h"
 #include "tool/json.h"
@@ -350,31 +350,14 @@ static int serve_site(struct umbc_view_site *site, const struct view_settings *s
     return code;
 }
 
-/* Source of the asset, and what closes it. */
-struct origin {
-    struct umb_region_source source;
-    struct umb_client *client;
-    void (*close)(struct umb_region_source *source);
-};
-
-static enum umb_status open_origin(const struct view_settings *settings, struct origin *origin,
-                                   struct umb_error *error)
+/* Says where the target is: on a web server, in a file or on a daemon. */
+static struct umbc_origin find_origin(const struct view_settings *settings)
 {
     const char *target = settings->target;
-    if (strncmp(target, "http://", 7) == 0 || strncmp(target, "https://", 8) == 0) {
-        UMB__TRY(umbc_http_open(target, 0, &settings->session.options, &origin->source, error));
-        origin->close = umbc_http_close;
-        return UMB_OK;
-    }
-    if (umbc_is_file(target)) {
-        UMB__TRY(umb_region_file_open(target, &origin->source, error));
-        origin->close = umb_region_file_close;
-        return UMB_OK;
-    }
-    UMB__TRY(umbu_connect(&settings->session, &origin->client, error));
-    UMB__TRY(umb_region_daemon_open(origin->client, target, &origin->source, error));
-    origin->close = umb_region_daemon_close;
-    return UMB_OK;
+    struct umbc_origin origin = {.session = settings->session};
+    const bool web = strncmp(target, "http://", 7) == 0 || strncmp(target, "https://", 8) == 0;
+    *(web ? &origin.url : umbc_is_file(target) ? &origin.file : &origin.asset) = target;
+    return origin;
 }
 
 int umbc_view(int argc, char **argv)
@@ -382,14 +365,15 @@ int umbc_view(int argc, char **argv)
     struct umbu_parsed parsed;
     struct view_settings settings = {.target = NULL};
     struct umb_error error = {.status = UMB_OK};
-    struct origin origin = {.client = NULL};
+    struct umb_region_source source;
     struct umbc_view_site site = {.count = 0};
     int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    if (open_origin(&settings, &origin, &error) == UMB_OK) {
-        code = umbc_view_site_begin(&site, &origin.source, &error) != UMB_OK
+    struct umbc_origin origin = find_origin(&settings);
+    if (umbc_origin_open(&origin, &source, &error) == UMB_OK) {
+        code = umbc_view_site_begin(&site, &source, &error) != UMB_OK
                    ? umbc_complain_file(settings.target, &error)
                : fill(&site, &settings, &error) != UMB_OK ? umbc_complain(&error)
                : settings.folder != NULL                  ? export_site(&site, &settings, &error)
@@ -398,9 +382,7 @@ int umbc_view(int argc, char **argv)
     } else {
         code = umbc_complain(&error);
     }
-    if (origin.close != NULL) {
-        origin.close(&origin.source);
-    }
-    umb_client_close(origin.client);
+    umbc_origin_close(&origin, &source);
+    umbc_origin_finish(&origin);
     return code;
 }

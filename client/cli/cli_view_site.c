@@ -12,49 +12,18 @@
 
 #include "tool/tool_try.h"
 
-/* Bytes that a source gives for one range. */
-struct part {
-    uint8_t *bytes; /* [size] */
-    size_t size, got;
-};
-
-static enum umb_status take_part(void *user, size_t index, const void *bytes, size_t size)
-{
-    struct part *part = user;
-    (void)index;
-    part->got = size < part->size ? size : part->size;
-    memcpy(part->bytes, bytes, part->got);
-    return UMB_OK;
-}
-
-/* Reads a part by the reader of pieces that a source without `read` has. */
-static enum umb_status read_pieces(const struct umb_region_source *asset, uint64_t offset,
-                                   struct part *part, struct umb_error *error)
-{
-    size_t got = 1;
-    while (part->got < part->size && got > 0) {
-        UMB__TRY(asset->read_at(asset->user, offset + part->got, part->bytes + part->got,
-                                part->size - part->got, &got, error));
-        part->got += got;
-    }
-    return UMB_OK;
-}
-
 /* Reads bytes of the asset. A source answers one thread at a time. */
 static enum umb_status read_asset(struct umbc_view_site *site, uint64_t offset, uint8_t *bytes,
                                   size_t size, struct umb_error *error)
 {
-    const struct umb_range range = {offset, size};
-    struct part part = {bytes, size, 0};
+    size_t got = 0;
     pthread_mutex_lock(&site->lock);
     const enum umb_status status =
-        site->asset.read != NULL
-            ? site->asset.read(site->asset.user, &range, 1, take_part, &part, error)
-            : read_pieces(&site->asset, offset, &part, error);
+        umb_region_source_read(&site->asset, offset, bytes, size, &got, error);
     pthread_mutex_unlock(&site->lock);
-    return status == UMB_OK && part.got < size
-               ? umb_fail(error, UMB_E_TRUNCATED, "asset: ends %zu bytes into a part of %zu",
-                          part.got, size)
+    return status == UMB_OK && got < size
+               ? umb_fail(error, UMB_E_TRUNCATED, "asset: ends %zu bytes into a part of %zu", got,
+                          size)
                : status;
 }
 

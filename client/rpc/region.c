@@ -26,6 +26,7 @@ enum {
 struct umb_region {
     struct umb_region_source source;
     struct umb_partial *partial;
+    uint64_t max_memory_bytes;
     bool resumed; /* True until the source has shown that it has the same asset */
     uint64_t received_bytes, requests, rounds, pages_received;
     uint32_t items[ROUND_ITEMS_MAX]; /* Numbers of blocks, then of pages */
@@ -33,30 +34,36 @@ struct umb_region {
     uint32_t first_item[ROUND_ITEMS_MAX]; /* Number of each range's first block or page */
 };
 
-/* Reads one range by read_at. In and out: buffer: the bytes, allocated again if they do not fit. */
-static enum umb_status read_range(const struct umb_region_source *source,
-                                  const struct umb_range *range, uint8_t **buffer, size_t *size,
-                                  struct umb_error *error)
+/* Reads bytes piece by piece, by read_at. */
+static enum umb_status read_pieces(const struct umb_region_source *source, uint64_t offset,
+                                   uint8_t *bytes, size_t length, size_t *size,
+                                   struct umb_error *error)
 {
-    const size_t length = (size_t)range->length;
-    uint8_t *bytes = range->length <= SIZE_MAX ? realloc(*buffer, length) : NULL;
-    if (!bytes) {
-        return umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
-                        (unsigned long long)range->length);
-    }
-    *buffer = bytes;
     *size = 0;
     for (size_t got = 1; got > 0 && *size < length; *size += got) {
         const size_t left = length - *size;
         got = 0;
-        UMB__TRY(
-            source->read_at(source->user, range->offset + *size, bytes + *size, left, &got, error));
+        UMB__TRY(source->read_at(source->user, offset + *size, bytes + *size, left, &got, error));
         if (got > left) {
             return umb_fail(error, UMB_E_PROTOCOL, "region: the source read %zu bytes of %zu", got,
                             left);
         }
     }
     return UMB_OK;
+}
+
+/* Reads one range by read_at. In and out: buffer: the bytes, allocated again if they do not fit. */
+static enum umb_status read_range(const struct umb_region_source *source,
+                                  const struct umb_range *range, uint8_t **buffer, size_t *size,
+                                  struct umb_error *error)
+{
+    uint8_t *bytes = range->length <= SIZE_MAX ? realloc(*buffer, (size_t)range->length) : NULL;
+    if (!bytes) {
+        return umb_fail(error, UMB_E_NO_MEMORY, "region: no memory for %llu bytes",
+                        (unsigned long long)range->length);
+    }
+    *buffer = bytes;
+    return read_pieces(source, range->offset, bytes, (size_t)range->length, size, error);
 }
 
 /* Reads ranges by the source's read or read_at. */
@@ -97,6 +104,32 @@ static enum umb_status take_front(void *user, size_t index, const void *bytes, s
     memcpy(front->bytes + front->size, bytes, size);
     front->size += size;
     front->received += size;
+    return UMB_OK;
+}
+
+enum umb_status umb_region_source_read(const struct umb_region_source *source, uint64_t offset,
+                                       void *bytes, size_t size, size_t *got,
+                                       struct umb_error *error)
+{
+    const struct umb_range range = {offset, size};
+    struct front part = {.bytes = bytes, .capacity = size};
+    if (!source->read) {
+        return read_pieces(source, offset, bytes, size, got, error);
+    }
+    const enum umb_status status = source->read(source->user, &range, 1, take_front, &part, error);
+    *got = part.size;
+    return status;
+}
+
+enum umb_status umb_region_source_id(const struct umb_region_source *source,
+                                     uint8_t id[UMB_ID_BYTES], struct umb_error *error)
+{
+    uint8_t bytes[UMB__HEAD_SIZE];
+    struct umb_file_head head;
+    size_t got = 0;
+    UMB__TRY(umb_region_source_read(source, 0, bytes, sizeof bytes, &got, error));
+    UMB__TRY(umb_file_read_head(bytes, got, &head, error));
+    memcpy(id, head.id, UMB_ID_BYTES);
     return UMB_OK;
 }
 
@@ -190,6 +223,7 @@ static enum umb_status make_region(const struct umb_region_source *source,
         return umb_fail(error, UMB_E_NO_MEMORY, "region: out of memory");
     }
     (*out)->source = *source;
+    (*out)->max_memory_bytes = options ? options->max_memory_bytes : 0;
     return UMB_OK;
 }
 
@@ -409,6 +443,12 @@ static uint64_t round_bytes(const struct umb_region *region,
     return bytes;
 }
 
+/* Returns true if an id is that of the region's asset. */
+static bool is_id_of(const struct umb_region *region, const uint8_t *id)
+{
+    return memcmp(id, umb_partial_head(region->partial) + UMB__HEAD_ID, UMB_ID_BYTES) == 0;
+}
+
 /* Checks that the source has the asset of the region that was saved. */
 static enum umb_status check_source(struct umb_region *region, struct umb_error *error)
 {
@@ -416,15 +456,26 @@ static enum umb_status check_source(struct umb_region *region, struct umb_error 
     enum umb_status status = read_front(region, &front, UMB__HEAD_SIZE, error);
     region->received_bytes += front.received;
     if (status == UMB_OK &&
-        (front.size < UMB__HEAD_SIZE ||
-         memcmp(front.bytes + UMB__HEAD_ID, umb_partial_head(region->partial) + UMB__HEAD_ID,
-                UMB_ID_BYTES) != 0)) {
+        (front.size < UMB__HEAD_SIZE || !is_id_of(region, front.bytes + UMB__HEAD_ID))) {
         status = umb_fail(error, UMB_E_CORRUPT,
                           "region: the source has another asset than what was saved");
     }
     region->resumed = status != UMB_OK;
     free(front.bytes);
     return status;
+}
+
+/* Lays out the pages of a round. In: status: that of the round. */
+static enum umb_status lay_out(struct umb_region *region, struct round *round,
+                               enum umb_status status)
+{
+    struct umb_partial_stats before, after;
+    umb_partial_get_stats(region->partial, &before);
+    const enum umb_status built =
+        umb_partial_build(region->partial, status == UMB_OK ? round->error : NULL);
+    umb_partial_get_stats(region->partial, &after);
+    round->full = round->full || after.pages_dropped > before.pages_dropped;
+    return status == UMB_OK ? built : status;
 }
 
 enum umb_status umb_region_update(struct umb_region *region,
@@ -442,28 +493,89 @@ enum umb_status umb_region_update(struct umb_region *region,
     }
     for (;;) { /* Terminates: every round but the last adds a page or a block */
         struct round round = {.region = region, .error = error};
+        struct umb_partial_stats before, after;
         const uint64_t bytes = round_bytes(region, request, start);
         enum umb_status status = want_views(region, request, error);
         if (status != UMB_OK || bytes == 0) {
             return status;
         }
+        umb_partial_get_stats(region->partial, &before);
         status = run_round(region, bytes, &round);
-        if (round.pages > 0) {
-            struct umb_partial_stats before, after;
-            umb_partial_get_stats(region->partial, &before);
-            const enum umb_status built =
-                umb_partial_build(region->partial, status == UMB_OK ? error : NULL);
-            umb_partial_get_stats(region->partial, &after);
-            round.full = round.full || after.pages_dropped > before.pages_dropped;
-            status = status == UMB_OK ? built : status;
+        umb_partial_get_stats(region->partial, &after);
+        const bool came = round.pages > 0 || after.pages_inherited > before.pages_inherited;
+        if (came) {
+            status = lay_out(region, &round, status);
         }
-        if (status == UMB_OK && round.pages > 0 && request->progress) {
+        if (status == UMB_OK && came && request->progress) {
             status = request->progress(request->progress_user, region);
         }
         if (status != UMB_OK || round.pages + round.blocks == 0 || round.full) {
             return status;
         }
     }
+}
+
+/* Returns the bytes up to the end of the directory's first block, and some more. Another version's
+ * are about as many. */
+static uint64_t front_bytes(const struct umb_region *region)
+{
+    enum {
+        MORE = 256
+    };
+    struct umb_partial_stats stats;
+    uint64_t offset;
+    uint32_t length;
+    umb_partial_get_stats(region->partial, &stats);
+    if (stats.block_count == 0) {
+        return stats.head_bytes + MORE;
+    }
+    umb_partial_locate_block(region->partial, 0, &offset, &length);
+    return offset + length + MORE;
+}
+
+/* Exchanges the versions of two regions, with their sources. */
+static void exchange(struct umb_region *region, struct umb_region *other)
+{
+    struct umb_partial *partial = region->partial;
+    region->partial = other->partial;
+    other->partial = partial;
+    region->max_memory_bytes = other->max_memory_bytes;
+}
+
+enum umb_status umb_region_retarget(struct umb_region *region,
+                                    const struct umb_region_source *source,
+                                    const struct umb_region_options *options,
+                                    struct umb_error *error)
+{
+    struct umb_region_options own = {.max_memory_bytes = region->max_memory_bytes,
+                                     .first_bytes = front_bytes(region)};
+    struct umb_region *other;
+    if (options) {
+        if (UMB__UNKNOWN(options, "options", error)) {
+            return UMB_E_ARGUMENT;
+        }
+        own.id = options->id;
+        own.max_memory_bytes =
+            options->max_memory_bytes ? options->max_memory_bytes : own.max_memory_bytes;
+        own.first_bytes = options->first_bytes ? options->first_bytes : own.first_bytes;
+    }
+    UMB__TRY(umb_region_open(source ? source : &region->source, &own, &other, error));
+    const bool same = is_id_of(region, umb_partial_head(other->partial) + UMB__HEAD_ID);
+    enum umb_status status =
+        same ? UMB_OK : umb_partial_inherit(other->partial, region->partial, error);
+    if (status == UMB_OK) {
+        region->source = other->source;
+        region->resumed = false;
+        region->received_bytes += other->received_bytes;
+        region->requests += other->requests;
+        region->rounds += other->rounds;
+        region->pages_received += same ? 0 : other->pages_received;
+        if (!same) {
+            exchange(region, other);
+        }
+    }
+    umb_region_close(other);
+    return status == UMB_OK && !same ? umb_partial_build(region->partial, error) : status;
 }
 
 enum umb_status umb_region_query(struct umb_region *region,

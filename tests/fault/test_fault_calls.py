@@ -85,6 +85,8 @@ pack = {"request_serializer": lambda m: m.SerializeToString()}
 region_stream = regions.unary_stream("/umbrage.v1.Regions/Stream", **pack,
                                      response_deserializer=R.RegionReply.FromString)
 region_follow = client.bidi("/umbrage.v1.Regions/Follow", R.RegionReply)
+versions = regions.unary_stream("/umbrage.v1.Regions/Watch", **pack,
+                                response_deserializer=R.RegionReply.FromString)
 derive_map = regions.unary_stream("/umbrage.v1.Regions/DeriveMap", **pack,
                                   response_deserializer=R.RegionReply.FromString)
 questions = {name: client.unary(f"/umbrage.v1.Questions/{name}", getattr(Q, name + "Reply"))
@@ -164,6 +166,7 @@ CALLS = {
         asset="city", offsets=[0, 1000], lengths=[500, 700]))),
     "Regions.Follow": lambda: bytes_of(meta(region_follow, iter(
         [R.RegionRequest(asset="city", offsets=[0], lengths=[500])] * 2))),
+    "Regions.Watch": lambda: meta(versions, R.VersionRequest(asset="city"), first=True).asset_id,
     "DeriveMap": lambda: bytes_of(meta(derive_map, R.DeriveMapRequest(
         asset="city", width=64, height=64))),
     "Submit of a known bundle": lambda: client.submit(

@@ -34,6 +34,7 @@
 #include "wire/volume_queries.h"
 #include "wire/messages.h"
 #include "wire/regions.h"
+#include "wire/versions.h"
 
 #define STREAMS_MOST 24
 #define SEND_MOST    65536 /* bytes of one script on the wire */
@@ -227,7 +228,7 @@ static const char *const paths[] = {
     UMBW_PATH_BAKES_DELETE,   UMBW_PATH_REGIONS_STREAM, UMBW_PATH_REGIONS_FOLLOW,
     UMBW_PATH_REGIONS_DERIVE, UMBW_PATH_SEGMENTS,       UMBW_PATH_COLUMNS,
     UMBW_PATH_BOXES,          UMBW_PATH_REFLECTION,     UMBW_PATH_REFLECTION_ALPHA,
-    "/no.such/Method",        UMBW_PATH_SAMPLE};
+    "/no.such/Method",        UMBW_PATH_SAMPLE,         UMBW_PATH_REGIONS_WATCH};
 
 enum {
     END_STREAM = 1,

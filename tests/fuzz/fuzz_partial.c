@@ -76,6 +76,24 @@ static void try_saved(const uint8_t *data, size_t size)
     free(file);
 }
 
+/* The same file as the next version: its hostile directory meets pages that are held already. */
+static void try_next_version(const struct bytes *file, struct umb_partial *partial,
+                             const struct umb_partial_options *options)
+{
+    struct umb_partial *next;
+    struct umb_partial_stats before, after;
+    umb_partial_get_stats(partial, &before);
+    if (umb_partial_open(file->data, file->size, options, &next, NULL) == UMB_OK) {
+        FUZZ_DEMAND(umb_partial_inherit(next, partial, NULL) == UMB_OK);
+        umb_partial_get_stats(next, &after);
+        FUZZ_DEMAND(after.pages_inherited <= before.pages_held);
+        if (umb_partial_build(next, NULL) == UMB_OK) {
+            query_everywhere(next);
+        }
+        umb_partial_close(next);
+    }
+}
+
 static void try_pages(const uint8_t *data, size_t size)
 {
     const struct umb_partial_options options = {.sha256 = &test_digest,
@@ -99,6 +117,7 @@ static void try_pages(const uint8_t *data, size_t size)
         size_t written = 0;
         const struct umb_sink sink = {.write = drop_bytes, .user = &written};
         FUZZ_DEMAND(umb_partial_save(partial, &sink, NULL) == UMB_OK);
+        try_next_version(&file, partial, &options);
         umb_partial_close(partial);
     }
     bytes_finish(&file);

@@ -8,6 +8,7 @@
 #include "wire/messages.h"
 #include "wire/volume_queries.h"
 #include "wire/regions.h"
+#include "wire/versions.h"
 
 static enum umb_status on_message(void *user, const uint8_t *message, size_t size, int compressed)
 {
@@ -60,6 +61,8 @@ static void decode_all(const uint8_t *message, size_t size)
     struct umbw_derive_request derive;
     (void)!umbw_decode_region_request(message, size, &region, NULL);
     (void)!umbw_decode_region_reply(message, size, &piece, NULL);
+    struct umbw_version_request version;
+    (void)!umbw_decode_version_request(message, size, &version, NULL);
     if (umbw_decode_derive_request(message, size, &derive, NULL) == UMB_OK) {
         FUZZ_DEMAND(derive.settings.cascades.count <= UMB_CASCADES_MAX);
     }

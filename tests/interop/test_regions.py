@@ -7,6 +7,7 @@ packed file, every refusal must name the field, and the client must be told of a
 import os
 import queue
 import shutil
+import signal
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -105,6 +106,85 @@ with test.check("the client of the library streams from the daemon what it strea
     ut.run("umbrage", "stream", city, *view, "-o", other)
     with open(one, "rb") as a, open(other, "rb") as b:
         assert a.read() == b.read()
+
+
+
+def version_watch(channel, asset, metadata=()):
+    """Regions.Watch, as an iterator of replies."""
+    return channel.unary_stream("/umbrage.v1.Regions/Watch", request_serializer=lambda m: m.SerializeToString(),
+                                response_deserializer=M.RegionReply.FromString)(
+        M.VersionRequest(asset=asset), timeout=60, metadata=metadata)
+
+
+def ends(watching, code):
+    """Expects a watch to end with a code; returns its message."""
+    try:
+        told = list(watching)
+    except grpc.RpcError as error:
+        assert error.code() == code, (error.code(), error.details())
+        return error.details()
+    raise AssertionError(f"ended well: {told}")
+
+
+with test.check("a watch names the version at once, each new one, and that the asset is gone"):
+    many = [version_watch(channel, "city") for _ in range(20)]
+    for watching in many:
+        first = next(watching)
+        assert first.asset_id.hex() == baked["asset"] and first.file_bytes == len(whole) and first.data == b""
+    for watching in many[1:]:
+        watching.cancel()
+    by_id = version_watch(channel, baked["asset"])
+    assert next(by_id).asset_id.hex() == baked["asset"]
+    later = test.bake(test.scene("city", 8, 2), test.path("later.umb"), "--resolution", 256, "--verify", 0)
+    shutil.copyfile(city, test.path("first.umb"))
+    os.replace(test.path("later.umb"), city)
+    assert next(many[0]).asset_id.hex() == later["asset"]
+    ends(by_id, Code.NOT_FOUND)
+    os.replace(test.path("first.umb"), city)
+    assert next(many[0]).asset_id.hex() == baked["asset"]
+    shutil.move(city, city + ".away")
+    assert "city" in ends(many[0], Code.NOT_FOUND)
+    ends(version_watch(channel, "city"), Code.NOT_FOUND)
+    ends(version_watch(channel, ""), Code.INVALID_ARGUMENT)
+    ends(version_watch(channel, "x" * 300), Code.INVALID_ARGUMENT)
+    shutil.move(city + ".away", city)
+
+with test.check("a watch sees what its caller may see, while it may; a drain ends it"):
+    tokens = test.path("tokens")
+    OWNER, OTHER, NO_QUERY = "owner-0123456789abcdef", "other-0123456789abcdef", "plain-0123456789abcdef"
+
+    def write_tokens(text):
+        with open(os.open(tokens, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii") as file:
+            file.write(text)
+
+    def bearer(token):
+        return (("authorization", f"Bearer {token}"),)
+
+    write_tokens(f"owner query,submit {OWNER}\nother query {OTHER}\nplain submit {NO_QUERY}\n")
+    guarded = test.daemon("--token-file", tokens, "--jobs", test.path("jobs"), store=test.path("guarded"))
+    client = test.client(guarded.grpc_unix)
+    with open(test.scene("city", 2), "rb") as file:
+        job = client.submit({"city.glb": file.read()}, "city.glb", metadata=bearer(OWNER), resolution=64, verify=1000)
+    asset = client.finished_job(job.job, metadata=bearer(OWNER)).asset.hex()
+    own = version_watch(client.channel, asset, bearer(OWNER))
+    assert next(own).asset_id.hex() == asset
+    unseen = ends(version_watch(client.channel, asset, bearer(OTHER)), Code.NOT_FOUND)
+    missing = ends(version_watch(client.channel, "ab" * 32, bearer(OTHER)), Code.NOT_FOUND)
+    assert unseen.replace(asset, "") == missing.replace("ab" * 32, ""), (unseen, missing)
+    ends(version_watch(client.channel, asset, bearer(NO_QUERY)), Code.PERMISSION_DENIED)
+    ends(version_watch(client.channel, asset), Code.UNAUTHENTICATED)
+    write_tokens(f"other query {OTHER}\n")
+    guarded.signal(signal.SIGHUP)
+    ends(own, Code.UNAUTHENTICATED)
+    shutil.copyfile(city, test.path("guarded", "city.umb"))
+    ut.wait_until(lambda: "city" in [x.name for x in client.list(
+        test.messages.shadows.ListRequest(), timeout=30, metadata=bearer(OTHER)).assets], 30, "the asset")
+    last = version_watch(client.channel, "city", bearer(OTHER))
+    next(last)
+    guarded.signal(signal.SIGTERM)
+    ends(last, Code.UNAVAILABLE)
+    client.close()
+    guarded.exited()
 
 with test.check("a file that was replaced behind the server's back is told"):
     shutil.move(city, city + ".away")

@@ -3,6 +3,7 @@
  * of memory; see partial.h. */
 #include "umbrage/partial.h"
 
+#include <float.h>
 #include <string.h>
 #include <xxhash.h>
 #include <zstd.h>
@@ -49,6 +50,19 @@ static void *resize(void *user, void *block, size_t bytes)
     meter->used += all - had;
     meter->peak = meter->used > meter->peak ? meter->used : meter->peak;
     return made + PREFIX;
+}
+
+bool umb__partial_move(struct umb_partial *to, struct umb_partial *from, const void *block)
+{
+    uint64_t all;
+    memcpy(&all, (const uint8_t *)block - PREFIX, sizeof all);
+    if (all > to->meter.limit - to->meter.used) {
+        return false;
+    }
+    from->meter.used -= all;
+    to->meter.used += all;
+    to->meter.peak = to->meter.used > to->meter.peak ? to->meter.used : to->meter.peak;
+    return true;
 }
 
 /* Starts a meter of allocated bytes, and makes an allocator that counts with it. In: meter: must
@@ -274,6 +288,7 @@ void umb_partial_close(struct umb_partial *p)
         return;
     }
     umb__partial_unbuild(p);
+    (void)umb__spares_drop(p);
     for (uint32_t page = 0; p->pages && page < p->head.page_count; page++) {
         umb__free(&p->alloc, p->pages[page].stored);
         umb__free(&p->alloc, p->pages[page].raw);
@@ -373,23 +388,22 @@ static enum umb_status prove(const struct umb_partial *p, const struct umb__page
                           entry->page);
 }
 
-/* Stores a page. In: raw: its uncompressed bytes, taken over. */
+/* Stores a page. In: stored, raw: its stored and its uncompressed bytes, taken over. */
 static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
-                            const struct umb__page_entry *entry, const void *stored, uint8_t *raw,
+                            const struct umb__page_entry *entry, uint8_t *stored, uint8_t *raw,
                             struct umb_error *error)
 {
+    struct umb__held *held = &p->pages[entry->page];
     struct umb__links *links = links_of(p, entry->page);
-    uint8_t *copy = umb__alloc(&p->alloc, entry->stored_length, 1);
-    enum umb_status status =
-        links && copy ? visit_links(p, page, entry->page, true, error) : no_memory(error, "a page");
-    if (status != UMB_OK) {
-        umb__free(&p->alloc, copy);
-        return status;
+    if (!links) {
+        return no_memory(error, "a page");
     }
-    memcpy(copy, stored, entry->stored_length);
+    UMB__TRY(visit_links(p, page, entry->page, true, error));
     memcpy(links->count, page->node_count, sizeof links->count);
-    p->pages[entry->page].stored = copy;
-    p->pages[entry->page].raw = raw;
+    held->stored = stored;
+    held->stored_length = entry->stored_length;
+    held->foreign = false;
+    held->raw = raw;
     p->held_count++;
     p->held_bytes += entry->stored_length;
     note_page(p, entry->page);
@@ -397,10 +411,11 @@ static enum umb_status keep(struct umb_partial *p, const struct umb__page *page,
     return UMB_OK;
 }
 
-/* Proves a page by its hash, checks its links to and from other pages, and stores it. In: raw: room
- * for the uncompressed page; taken over if the page is stored. */
+/* Proves a page by its hash, checks its links to and from other pages, and stores it. In: stored:
+ * uint8[entry->stored_length]. raw: room for the uncompressed page. Both are taken over if the page
+ * is stored. */
 static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__page_entry *entry,
-                                      const void *stored, uint8_t *raw, struct umb_error *error)
+                                      uint8_t *stored, uint8_t *raw, struct umb_error *error)
 {
     struct umb__page page;
     struct umb__page_entry linked = *entry;
@@ -413,22 +428,60 @@ static enum umb_status check_and_keep(struct umb_partial *p, const struct umb__p
     return keep(p, &page, entry, stored, raw, error);
 }
 
-/* Drops pages of less benefit than a new one, until the new one fits. */
+/* Frees uncompressed pages, else the spares of another version, else the page of the least benefit,
+ * if that is below `benefit`. Returns false if there is none. */
+static bool give_way(struct umb_partial *p, double benefit)
+{
+    if (umb__partial_free_raw(p) || umb__spares_drop(p)) {
+        return true;
+    }
+    const uint32_t worst = umb__partial_worst(p);
+    if (worst == UINT32_MAX || p->pages[worst].benefit >= benefit) {
+        return false;
+    }
+    umb_partial_drop(p, worst);
+    p->dropped++;
+    return true;
+}
+
+/* Drops spares of another version, then pages of less benefit than a new one, until the new one
+ * fits. */
 static bool make_room(struct umb_partial *p, const struct umb__page_entry *entry)
 {
     const uint64_t needed = (uint64_t)entry->raw_length + entry->stored_length + ROOM_FOR_LINKS;
     while (p->meter.limit - p->meter.used < needed) {
-        if (umb__partial_free_raw(p)) {
-            continue;
-        }
-        const uint32_t worst = umb__partial_worst(p);
-        if (worst == UINT32_MAX || p->pages[worst].benefit >= p->pages[entry->page].benefit) {
+        if (!give_way(p, p->pages[entry->page].benefit)) {
             return false;
         }
-        umb_partial_drop(p, worst);
-        p->dropped++;
     }
     return true;
+}
+
+/* Adds a page from its stored bytes, which are taken over if the page is stored. */
+static enum umb_status add_stored(struct umb_partial *p, const struct umb__page_entry *entry,
+                                  uint8_t *stored, struct umb_error *error)
+{
+    uint8_t *raw = umb__alloc(&p->alloc, entry->raw_length, 1);
+    const enum umb_status status =
+        raw ? check_and_keep(p, entry, stored, raw, error) : no_memory(error, "a page");
+    if (status != UMB_OK) {
+        umb__free(&p->alloc, raw);
+    }
+    return status;
+}
+
+void umb__partial_add_spare(struct umb_partial *p, uint32_t page, uint8_t *stored, uint32_t length)
+{
+    struct umb__page_entry entry = umb__directory_load(&p->head, page);
+    const bool foreign =
+        entry.stored_length != length || XXH3_64bits(stored, length) != entry.check;
+    entry.stored_length = length;
+    if (!make_room(p, &entry) || add_stored(p, &entry, stored, NULL) != UMB_OK) {
+        umb__free(&p->alloc, stored);
+        return;
+    }
+    p->pages[page].foreign = foreign;
+    p->inherited++;
 }
 
 enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void *stored,
@@ -457,27 +510,37 @@ enum umb_status umb_partial_add(struct umb_partial *p, uint32_t page, const void
     if (!make_room(p, &entry)) {
         return no_memory(error, "a page that matters less than those here");
     }
-    uint8_t *raw = umb__alloc(&p->alloc, entry.raw_length, 1);
-    const enum umb_status status =
-        raw ? check_and_keep(p, &entry, stored, raw, error) : no_memory(error, "a page");
+    uint8_t *copy = umb__alloc(&p->alloc, size, 1);
+    if (!copy) {
+        return no_memory(error, "a page");
+    }
+    memcpy(copy, stored, size);
+    const enum umb_status status = add_stored(p, &entry, copy, error);
     if (status != UMB_OK) {
-        umb__free(&p->alloc, raw);
+        umb__free(&p->alloc, copy);
     }
     return status;
 }
 
+uint8_t *umb__partial_release(struct umb_partial *p, uint32_t page)
+{
+    struct umb__held *held = &p->pages[page];
+    uint8_t *stored = held->stored;
+    if (stored) {
+        p->held_bytes -= held->stored_length;
+        p->held_count--;
+        umb__free(&p->alloc, held->raw);
+        held->stored = held->raw = NULL;
+        umb__partial_note_change(p, page);
+    }
+    return stored;
+}
+
 void umb_partial_drop(struct umb_partial *p, uint32_t page)
 {
-    struct umb__held *held = page < p->head.page_count ? &p->pages[page] : NULL;
-    if (!held || !held->stored) {
-        return;
+    if (page < p->head.page_count) {
+        umb__free(&p->alloc, umb__partial_release(p, page));
     }
-    p->held_bytes -= umb__directory_load(&p->head, page).stored_length;
-    p->held_count--;
-    umb__free(&p->alloc, held->stored);
-    umb__free(&p->alloc, held->raw);
-    held->stored = held->raw = NULL;
-    umb__partial_note_change(p, page);
 }
 
 enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, const void *bytes,
@@ -497,13 +560,17 @@ enum umb_status umb_partial_add_block(struct umb_partial *p, uint32_t block, con
     }
     UMB__TRY(umb__block_check(&p->head, block, bytes, length, NULL, error));
     UMB__TRY(umb__block_prove(&p->head, block, bytes, length, p->sha256, error));
-    uint8_t *copy = umb__alloc(&p->alloc, size, 1);
+    uint8_t *copy;
+    do { /* Pages without benefit give way. Ends: each step frees something */
+        copy = umb__alloc(&p->alloc, size, 1);
+    } while (!copy && give_way(p, DBL_MIN));
     if (!copy) {
         return no_memory(error, "a block of the directory");
     }
     memcpy(copy, bytes, size);
     p->blocks[block] = copy;
     p->block_count++;
+    umb__spares_use(p, block);
     return UMB_OK;
 }
 
@@ -572,5 +639,7 @@ void umb_partial_get_stats(const struct umb_partial *p, struct umb_partial_stats
         .memory_peak_bytes = p->meter.peak,
         .pages_dropped = p->dropped,
         .builds = p->builds,
+        .pages_inherited = p->inherited,
+        .spare_bytes = p->spare_bytes,
     };
 }

@@ -4,7 +4,8 @@
  * came or went since the last build are touched: their nodes and bricks, the wide nodes of other
  * pages that depend on them, and, if they have nodes high in the tree, the grids.
  *
- * A build that does not fit the memory budget drops the page of the least benefit and goes on. If
+ * A build that does not fit the memory budget drops the spares of another version, then the page of
+ * the least benefit, and goes on. If
  * memory runs out while wide nodes are written, the layout is given up and made anew from the
  * stored pages, with an eighth fewer.
  */
@@ -116,11 +117,14 @@ static void shed(struct umb_partial *p, uint64_t bytes)
 enum umb_status umb_partial_build(struct umb_partial *p, struct umb_error *error)
 {
     enum umb_status status = try_build(p, error);
-    while (status == UMB_E_NO_MEMORY && p->held_count > 0) { /* Ends: each round drops a page */
+    /* Ends: each round drops spares or a page, or frees the uncompressed pages */
+    while (status == UMB_E_NO_MEMORY && (p->held_count > 0 || p->spares)) {
         if (p->broken) {
             umb__partial_unbuild(p);
-            shed(p, p->held_bytes / 8);
-        } else if (!umb__partial_free_raw(p)) {
+            if (!umb__spares_drop(p)) {
+                shed(p, p->held_bytes / 8);
+            }
+        } else if (!umb__partial_free_raw(p) && !umb__spares_drop(p)) {
             shed(p, 1);
         }
         status = try_build(p, error);

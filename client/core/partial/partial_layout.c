@@ -217,7 +217,9 @@ static enum umb_status find_raw(struct umb_partial *p, const struct umb__page_en
         return UMB_OK;
     }
     held->raw = umb__alloc(&p->alloc, entry->raw_length, 1);
-    return held->raw ? umb__page_expand(p->zstd, held->stored, entry, held->raw, error)
+    struct umb__page_entry own = *entry;
+    own.stored_length = held->stored_length;
+    return held->raw ? umb__page_expand(p->zstd, held->stored, &own, held->raw, error)
                      : no_memory(error);
 }
 

@@ -57,9 +57,21 @@ struct umb__held {
                                  NULL */
     struct umb__links *links; /* NULL: the page is not held, and no page refers to it */
     struct umb__laid *laid;   /* NULL: the page is not in the last build */
-    double benefit;           /* Sum of the page's benefits for the wanted views; 0: none */
-    uint32_t watchers;        /* First watch of the page, plus 1; 0: none */
-    bool changed;             /* True: the page is in the list of changed pages */
+    uint32_t stored_length; /* Number of stored bytes of a held page; the entry's, unless foreign */
+    double benefit;         /* Sum of the page's benefits for the wanted views; 0: none */
+    uint32_t watchers;      /* First watch of the page, plus 1; 0: none */
+    bool changed;           /* True: the page is in the list of changed pages */
+    bool foreign; /* True: the bytes came from another version, and this one's file has another zstd
+                     frame for them */
+};
+
+/* A page of another version of the asset, which waits for an entry of the directory with its
+ * hash. */
+struct umb__spare {
+    uint8_t hash[UMB_ID_BYTES];
+    uint8_t *stored; /* [length] Stored bytes; NULL: taken */
+    uint32_t length;
+    uint32_t gone; /* In the first of spares of equal hashes: number of these that are taken */
 };
 
 /* An array of the layout, which begins at a cache line and grows. */
@@ -106,6 +118,12 @@ struct umb_partial {
     uint32_t held_count;
     uint64_t held_bytes;
     uint64_t dropped, builds;
+    struct umb__spare *spares; /* [spare_count] In the order of their hashes; NULL: none */
+    uint8_t **spare_blocks;    /* [head.directory_count] Blocks of another version with the hash of
+                                  this one's; NULL: none. Entries may be NULL */
+    uint32_t spare_count;
+    uint64_t spare_bytes; /* Stored bytes of spares that are not taken */
+    uint64_t inherited;   /* Number of spares that became pages */
 
     /* Pages that were added or dropped since the last build: [changed_count], each once. */
     uint32_t *changed; /* [head.page_count] */
@@ -144,6 +162,31 @@ static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page
 
 /* Notes that a page was added or dropped. */
 void umb__partial_note_change(struct umb_partial *p, uint32_t page);
+
+/* Takes a held page out. Returns its stored bytes, which the caller owns; NULL: it is not held. */
+uint8_t *umb__partial_release(struct umb_partial *p, uint32_t page);
+
+/* Counts an allocated block as another partial asset's; both have the same allocator. Returns false
+ * if it does not fit the budget; it stays where it was. */
+bool umb__partial_move(struct umb_partial *to, struct umb_partial *from, const void *block);
+
+/* Adds a missing page from the stored bytes of another version. If the page is not what the
+ * directory says, or does not fit, it stays missing. In: stored: uint8[length], taken over. */
+void umb__partial_add_spare(struct umb_partial *p, uint32_t page, uint8_t *stored, uint32_t length);
+
+/* --- pages of another version (partial_spares.c) ---------------------------------------------- */
+
+/* Adds the missing pages of a held block for which there is a spare, and the neighbouring blocks
+ * that can now be placed, with their pages. Cost: a look-up for each page of the blocks, and the
+ * pages found. */
+void umb__spares_use(struct umb_partial *p, uint32_t block);
+
+/* Returns the block to read for a missing one: itself, or the block before it by which its spare
+ * one can be placed. */
+uint32_t umb__spares_before(const struct umb_partial *p, uint32_t block);
+
+/* Frees the spares. Returns false if there are none. */
+bool umb__spares_drop(struct umb_partial *p);
 
 /* --- the layout (partial_layout.c): pages come and go ----------------------------------------- */
 

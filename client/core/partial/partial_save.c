@@ -20,11 +20,27 @@ enum {
     FIXED = 40,
 };
 
-/* Writes the numbers of the held pages, then those of the held blocks. */
+/* Returns true if a page is held as its asset's file has it. A partial file has no room for a page
+ * of another version whose zstd frame differs; it is fetched again. */
+static bool is_saved(const struct umb_partial *p, uint32_t page)
+{
+    return p->pages[page].stored && !p->pages[page].foreign;
+}
+
+static uint32_t count_saved(const struct umb_partial *p)
+{
+    uint32_t count = 0;
+    for (uint32_t page = 0; page < p->head.page_count; page++) {
+        count += is_saved(p, page);
+    }
+    return count;
+}
+
+/* Writes the numbers of the saved pages, then those of the held blocks. */
 static void write_numbers(const struct umb_partial *p, uint8_t *at)
 {
     for (uint32_t page = 0; page < p->head.page_count; page++) {
-        if (p->pages[page].stored) {
+        if (is_saved(p, page)) {
             umb__store32(at, page);
             at += 4;
         }
@@ -41,7 +57,8 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
                                  struct umb_error *error)
 {
     const size_t head = (size_t)p->head.head_length;
-    const size_t numbers = 4 * ((size_t)p->held_count + p->block_count);
+    const uint32_t pages = count_saved(p);
+    const size_t numbers = 4 * ((size_t)pages + p->block_count);
     uint8_t *bytes = umb__alloc(p->meter.inner, FIXED + head + numbers, 1);
     if (!bytes) {
         return umb_fail(error, UMB_E_NO_MEMORY, "partial asset: no memory for the file's head");
@@ -49,7 +66,7 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
     memset(bytes, 0, FIXED);
     memcpy(bytes, UMB__MAGIC_PARTIAL, 8);
     umb__store32(bytes + VERSION, UMB__VERSION_PARTIAL);
-    umb__store32(bytes + PAGES, p->held_count);
+    umb__store32(bytes + PAGES, pages);
     umb__store64(bytes + HEAD_LENGTH, head);
     umb__store32(bytes + BLOCKS, p->block_count);
     memcpy(bytes + FIXED, p->head_bytes, head);
@@ -63,9 +80,8 @@ enum umb_status umb_partial_save(const struct umb_partial *p, const struct umb_s
         }
     }
     for (uint32_t page = 0; page < p->head.page_count && status == UMB_OK; page++) {
-        if (p->pages[page].stored) {
-            status = sink->write(sink->user, p->pages[page].stored,
-                                 umb__directory_load(&p->head, page).stored_length);
+        if (is_saved(p, page)) {
+            status = sink->write(sink->user, p->pages[page].stored, p->pages[page].stored_length);
         }
     }
     return status == UMB_OK

@@ -290,8 +290,9 @@ size_t umb_partial_missing_blocks(const struct umb_partial *p, int all, uint32_t
         for (uint32_t i = 0; i < UMB__BLOCK_PAGES && i < rest && !wanted; i++) {
             wanted = p->pages[first + i].benefit > 0;
         }
-        if (wanted && !p->blocks[block]) {
-            list[count++] = block;
+        const uint32_t read = wanted && !p->blocks[block] ? umb__spares_before(p, block) : block;
+        if (wanted && !p->blocks[read] && (count == 0 || list[count - 1] != read)) {
+            list[count++] = read;
         }
     }
     return count;

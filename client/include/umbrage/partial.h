@@ -101,7 +101,9 @@ struct umb_partial_stats {
     uint64_t pages_dropped;                   /* Pages that the budget dropped since open */
     uint64_t builds;                          /* Number of builds */
     uint32_t block_count, blocks_held;        /* Blocks of the directory; blocks held */
-    uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
+    uint64_t pages_inherited; /* Pages taken over from another version (umb_partial_inherit) */
+    uint64_t spare_bytes;     /* Stored bytes of another version's pages that no entry has named */
+    uint64_t reserved[2];     /* Zero: room for later versions (umbrage/version.h) */
 };
 
 /*
@@ -139,7 +141,9 @@ UMB_API void umb_partial_locate_block(const struct umb_partial *partial, uint32_
 
 /*
  * Lists missing blocks in the order of the file. all: every missing block; else those with missing
- * pages that matter. Returns the number of listed blocks, at most room.
+ * pages that matter. In place of a block that is in another version too (umb_partial_inherit), the
+ * list has the block before it that tells its place. Returns the number of listed blocks, at most
+ * room.
  */
 UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int all,
                                           uint32_t *list, size_t room);
@@ -158,6 +162,24 @@ UMB_API size_t umb_partial_missing_blocks(const struct umb_partial *partial, int
 UMB_API UMB_CHECKED enum umb_status umb_partial_add(struct umb_partial *partial, uint32_t page,
                                                     const void *stored, size_t size,
                                                     struct umb_error *error);
+
+/*
+ * Takes over pages of another version of the asset: those that `from` holds, and those that it had
+ * inherited and not used; and blocks of the directory that both versions have, as soon as their
+ * neighbours tell the places of their pages. From now on a page whose hash stands in a held block
+ * of the directory, or in one that is added later, is held without having been read again. Each
+ * such page passes the checks of umb_partial_add; a page that fails them stays missing. `from` is
+ * then only good for queries of its last build, and for umb_partial_close.
+ *
+ * In:    from: another partial asset with the same allocator.
+ * Fails: E_ARGUMENT (from), E_STATE (has inherited before, and some of it is left), E_NO_MEMORY
+ *        (list of the pages). `from` then keeps its pages.
+ * Cost:  here and in all later umb_partial_add_block together: each page is tried once, so linear
+ *        in the pages that `from` held, and a binary search for each entry of the directory. Pages
+ *        without an entry take memory until the budget needs it.
+ */
+UMB_API UMB_CHECKED enum umb_status
+umb_partial_inherit(struct umb_partial *partial, struct umb_partial *from, struct umb_error *error);
 
 /* Drops a page; it can be added again. Queries still use its nodes until the next build. */
 UMB_API void umb_partial_drop(struct umb_partial *partial, uint32_t page);

@@ -34,8 +34,9 @@
 extern "C" {
 #endif
 
-struct umb_client; /* umbrage/client.h */
-struct umb_region; /* opaque */
+struct umb_client;       /* umbrage/client.h */
+struct umb_client_async; /* umbrage/client.h */
+struct umb_region;       /* opaque */
 
 /* A byte range of the packed file. */
 struct umb_range {
@@ -152,6 +153,26 @@ UMB_API UMB_CHECKED enum umb_status umb_region_update(struct umb_region *region,
                                                       const struct umb_region_request *request,
                                                       struct umb_error *error);
 
+/*
+ * Moves a region to another version of its asset. Pages whose hash the new version names are not
+ * read again: see umb_partial_inherit. Those of the first block of the directory answer when the
+ * call returns, the others as later updates read their blocks.
+ *
+ * In:    source: source of the new version, which the region uses from now on; NULL: the region's
+ *        own, which gives the new version now.
+ *        options: NULL for the defaults. id: version to require. max_memory_bytes: 0 = as before.
+ *        first_bytes: 0 = as many as the head and the first block of the old version have.
+ * Fails: as umb_region_open and umb_partial_inherit; the region is then unchanged. E_NO_MEMORY of
+ *        the layout: the region has the new version, and the next update lays it out.
+ * Cost:  as umb_region_open, and linear in the pages of the first block that the region holds. The
+ *        head and the first pages of the new version take memory beside the old version until the
+ *        call returns: each of the two stays within max_memory_bytes.
+ */
+UMB_API UMB_CHECKED enum umb_status umb_region_retarget(struct umb_region *region,
+                                                        const struct umb_region_source *source,
+                                                        const struct umb_region_options *options,
+                                                        struct umb_error *error);
+
 /* Answers points from the held pages; see umb_partial_query. */
 UMB_API UMB_CHECKED enum umb_status umb_region_query(struct umb_region *region,
                                                      const struct umb_query_settings *settings,
@@ -168,6 +189,20 @@ UMB_API struct umb_partial *umb_region_partial(struct umb_region *region);
 /* Returns a SHA-256 by OpenSSL, for umbrage/partial.h and umbrage/file.h. It has no state: any
  * number of threads may use it. */
 UMB_API const struct umb_sha256 *umb_sha256_openssl(void);
+
+/* Reads bytes of a source's file into `bytes`, by whichever of its functions it has. Out: got:
+ * number of bytes read; fewer than `size` only at the end of the file. Fails: as the source. */
+UMB_API UMB_CHECKED enum umb_status umb_region_source_read(const struct umb_region_source *source,
+                                                           uint64_t offset, void *bytes,
+                                                           size_t size, size_t *got,
+                                                           struct umb_error *error);
+
+/* Reads the id of the asset that a source gives now: 128 bytes of its file. A program that polls a
+ * file or a web server sees by it that there is a new version. Fails: as the source and
+ * umb_file_read_head. */
+UMB_API UMB_CHECKED enum umb_status umb_region_source_id(const struct umb_region_source *source,
+                                                         uint8_t id[UMB_ID_BYTES],
+                                                         struct umb_error *error);
 
 /*
  * Opens a source that reads a local packed file.
@@ -193,6 +228,26 @@ UMB_API UMB_CHECKED enum umb_status umb_region_daemon_open(struct umb_client *cl
                                                            struct umb_region_source *source,
                                                            struct umb_error *error);
 UMB_API void umb_region_daemon_close(struct umb_region_source *source);
+
+/* Called with a version of a watched asset, on the client's thread. In: file_bytes: length of its
+ * packed file. The callback returns 0 to stop watching, else nonzero. */
+typedef int (*umb_version_fn)(void *user, const uint8_t id[UMB_ID_BYTES], uint64_t file_bytes);
+
+/*
+ * Watches which version of an asset a daemon has: calls on_version at once, and then for each new
+ * version, about a second after the daemon has loaded it. A program that is told of another version
+ * than its region's opens a source of it and calls umb_region_retarget, on another thread.
+ *
+ * In:    asset: name. timeout_ms: time after which the call ends; 0: 49 days.
+ *        async: NULL to wait; umb_client_async as for other calls.
+ * Fails: E_NOT_FOUND (no such asset, or no more), E_CORRUPT (the new file is damaged),
+ *        E_CANCELLED (on_version returned 0), E_DEADLINE, E_UNAVAILABLE (the daemon shuts down).
+ */
+UMB_API UMB_CHECKED enum umb_status umb_client_watch_asset(struct umb_client *client,
+                                                           const char *asset, uint32_t timeout_ms,
+                                                           umb_version_fn on_version, void *user,
+                                                           struct umb_client_async *async,
+                                                           struct umb_error *error);
 
 #ifdef __cplusplus
 }

@@ -7,6 +7,7 @@
 #include "wire/bakes.h"
 #include "wire/messages.h"
 #include "wire/regions.h"
+#include "wire/versions.h"
 #include "wire/volume_queries.h"
 
 #define OPEN  1024 /* Most bytes of a call without rights: room for a service name of 255 bytes */
@@ -46,6 +47,9 @@ const struct umbd_method umbd_methods[] = {
      .close = umbd_job_close},
     {UMBW_PATH_REGIONS_STREAM, REPLIES, QUERY, BY_POINT, 0, 0, .serve = umbd_regions_serve},
     {UMBW_PATH_REGIONS_FOLLOW, BOTH, QUERY, BY_POINT, 0, 0, .serve = umbd_regions_serve},
+    {UMBW_PATH_REGIONS_WATCH, REPLIES, QUERY, BY_CALL, SMALL, UMBD_ENDLESS,
+     .serve = umbd_version_watch_serve, .tick = umbd_version_watch_tick,
+     .close = umbd_version_watch_close},
     {UMBW_PATH_REGIONS_DERIVE, REPLIES, QUERY, BY_POINT, 0, 0, .serve = umbd_derive_serve},
     {UMBW_PATH_SEGMENTS, UNARY, QUERY, BY_POINT, 0, 0, .serve = umbd_volume_query_serve,
      .variant = UMBW_SEGMENTS},

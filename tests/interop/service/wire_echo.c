@@ -12,6 +12,7 @@
 #include <string.h>
 #include "wire/bakes.h"
 #include "wire/regions.h"
+#include "wire/versions.h"
 #include "wire/messages.h"
 #include "wire/volume_queries.h"
 
@@ -62,6 +63,7 @@ ECHO(fetch_request, struct umbw_fetch_request, NULL)
 ECHO(fetch_reply, struct umbw_fetch_reply, NULL)
 ECHO(region_request, struct umbw_region_request, NULL)
 ECHO(region_reply, struct umbw_region_reply, NULL)
+ECHO(version_request, struct umbw_version_request, NULL)
 ECHO(derive_request, struct umbw_derive_request, NULL)
 ECHO(sample_request, struct umbw_sample_request, NULL)
 ECHO(sample_reply, struct umbw_sample_reply, NULL)
@@ -185,6 +187,7 @@ static const struct {
     {"bakes.DeleteRequest", echo_delete_request},
     {"regions.RegionRequest", echo_region_request},
     {"regions.RegionReply", echo_region_reply},
+    {"regions.VersionRequest", echo_version_request},
     {"regions.DeriveMapRequest", echo_derive_request},
     {"questions.SegmentsRequest", echo_segments_request},
     {"questions.SegmentsReply", echo_segments_reply},

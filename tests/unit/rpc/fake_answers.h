@@ -16,6 +16,8 @@
 #include "wire/bakes.h"
 #include "grpc/grpc.h"
 #include "wire/messages.h"
+#include "wire/regions.h"
+#include "wire/versions.h"
 #include "wire/volume_queries.h"
 
 static void fake_answer(struct fake_stream *stream, const struct umbw_query_request *request,
@@ -313,6 +315,31 @@ static bool fake_jobs(struct fake_stream *stream)
     return true;
 }
 
+/* Names two versions of an asset, 1 and 2, and ends; "lies" sends garbage after the first. Returns
+ * false for "silent", which gets no answer. */
+static bool fake_versions(struct fake_stream *stream)
+{
+    static const uint8_t garbage[] = {0, 0, 0, 0, 3, 0xff, 0xff, 0xff};
+    struct umbw_version_request request;
+    if (umbw_decode_version_request(stream->body + 5, stream->body_size - 5, &request, NULL) !=
+        UMB_OK) {
+        return true; /* an empty reply */
+    }
+    for (uint8_t i = 1; i <= 2; i++) {
+        struct umbw_buffer buffer = {NULL, 0, 0};
+        const struct umbw_region_reply reply = {.asset_id = {i}, .file_bytes = 100U * i};
+        if (i == 2 && strcmp(request.asset, "lies") == 0) {
+            fake_append(stream, garbage, sizeof garbage);
+            break;
+        }
+        if (umbw_encode_region_reply(&reply, &buffer, NULL) != UMB_OK) {
+            abort();
+        }
+        fake_append_buffer(stream, &buffer);
+    }
+    return strcmp(request.asset, "silent") != 0;
+}
+
 static void fake_respond(struct fake_connection *connection, struct fake_stream *stream)
 {
     struct umbw_query_request request;
@@ -340,6 +367,10 @@ static void fake_respond(struct fake_connection *connection, struct fake_stream 
             }
         } else if (strncmp(stream->path, "/umbrage.v1.Bakes/", 18) == 0) {
             if (!fake_jobs(stream)) {
+                return;
+            }
+        } else if (strcmp(stream->path, UMBW_PATH_REGIONS_WATCH) == 0) {
+            if (!fake_versions(stream)) {
                 return;
             }
         } else if (strncmp(stream->path, "/umbrage.v1.Questions/", 22) == 0) {

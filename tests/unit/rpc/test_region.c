@@ -167,11 +167,195 @@ static void bad_sources_are_refused(void **state)
     bytes_finish(&pieces.file);
 }
 
+/* A version in memory, and what was read of it. */
+struct version {
+    struct bytes file;
+    uint64_t most; /* Bytes that may be read before reads fail; 0: no limit */
+    uint64_t read;
+};
+
+static enum umb_status read_version(void *user, const struct umb_range *ranges, size_t count,
+                                    umb_range_fn got, void *got_user, struct umb_error *error)
+{
+    struct version *version = user;
+    enum umb_status status = UMB_OK;
+    for (size_t i = 0; i < count && status == UMB_OK; i++) {
+        const size_t at = (size_t)ranges[i].offset;
+        const size_t left = at < version->file.size ? version->file.size - at : 0;
+        const size_t size = ranges[i].length < left ? (size_t)ranges[i].length : left;
+        version->read += size;
+        if (version->most > 0 && version->read > version->most) {
+            return umb_fail(error, UMB_E_UNAVAILABLE, "the version is withdrawn");
+        }
+        status = got(got_user, i, version->file.data + (left > 0 ? at : 0), size);
+    }
+    return status;
+}
+
+static int edited_noise(const void *user, uint32_t frustum, uint32_t x, uint32_t y, uint32_t z)
+{
+    return x < 24 && y < 24 && z < 60 ? z < 30 : noise(user, frustum, x, y, z);
+}
+
+/* Packs a version in small pages. */
+static struct version make_version(voxel_fn voxel)
+{
+    const struct voxels voxels = {voxel, NULL, 7, 1};
+    struct version version = {0};
+    struct umb_sink sink = bytes_sink(&version.file);
+    struct umb__octree octree;
+    struct umb__content content;
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&voxels, &octree);
+    make_content(&voxels, 0.5, origin, &content);
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = umb_sha256_openssl(),
+                                      .sink = &sink,
+                                      .page_bytes = 1024};
+    assert_int_equal(umb__pack_run(&job, id, NULL), UMB_OK);
+    umb__octree_finish(&octree);
+    return version;
+}
+
+static struct umb_region_source source_of(struct version *version)
+{
+    return (struct umb_region_source){.read = read_version, .user = version};
+}
+
+static struct umb_region *open_whole(struct version *version)
+{
+    const struct umb_region_source source = source_of(version);
+    struct umb_region *region;
+    assert_int_equal(umb_region_open(&source, NULL, &region, NULL), UMB_OK);
+    assert_int_equal(umb_region_update(region, NULL, NULL), UMB_OK);
+    return region;
+}
+
+/* Asks at the points of `ask`. Out: exact: number of exact points. */
+static void ask_region(struct umb_region *region, struct asker *asker)
+{
+    asker->region = region;
+    (void)ask(asker);
+    assert_int_equal(asker->status, UMB_OK);
+}
+
+static void a_region_reads_of_a_new_version_only_what_changed(void **state)
+{
+    static struct asker moved, fresh;
+    struct version old = make_version(noise), next = make_version(edited_noise);
+    struct umb_region *region = open_whole(&old), *other;
+    struct umb_region_stats before, after;
+    (void)state;
+    umb_region_get_stats(region, &before);
+    const struct umb_region_source source = source_of(&next);
+    assert_int_equal(umb_region_retarget(region, &source, NULL, NULL), UMB_OK);
+    assert_int_equal(umb_region_update(region, NULL, NULL), UMB_OK);
+    umb_region_get_stats(region, &after);
+    assert_int_equal(after.partial.pages_held, after.partial.page_count);
+    assert_true(after.partial.pages_inherited > after.partial.page_count / 2);
+    assert_int_equal(after.received_bytes - before.received_bytes, next.read);
+    assert_true(next.read < next.file.size / 2);
+    /* No page came twice: each is inherited, or received, or was in the first read. */
+    assert_true(after.pages_received - before.pages_received + after.partial.pages_inherited ==
+                after.partial.page_count);
+    other = open_whole(&next);
+    ask_region(region, &moved);
+    ask_region(other, &fresh);
+    assert_memory_equal(moved.values, fresh.values, sizeof moved.values);
+    assert_int_equal(moved.answers.exact, POINTS);
+    umb_region_close(other);
+    umb_region_close(region);
+    bytes_finish(&old.file);
+    bytes_finish(&next.file);
+}
+
+static void a_version_that_cannot_be_opened_leaves_the_region_as_it_was(void **state)
+{
+    static struct asker before, after;
+    struct version old = make_version(noise), next = make_version(edited_noise);
+    struct umb_region *region = open_whole(&old);
+    const size_t whole = next.file.size;
+    const uint8_t id[UMB_ID_BYTES] = {1};
+    const struct umb_region_options another = {.id = id}, tiny = {.max_memory_bytes = 1000};
+    const struct umb_region_source source = source_of(&next);
+    (void)state;
+    ask_region(region, &before);
+    assert_int_equal(umb_region_retarget(region, &source, &another, NULL), UMB_E_CORRUPT);
+    assert_int_not_equal(umb_region_retarget(region, &source, &tiny, NULL), UMB_OK);
+    for (size_t cut = 0; cut < UMB_FILE_HEAD_BYTES + 300; cut += 7) { /* inside of the head */
+        next.file.size = cut;
+        assert_int_not_equal(umb_region_retarget(region, &source, NULL, NULL), UMB_OK);
+    }
+    next.file.size = whole;
+    next.most = 1;
+    next.read = 0;
+    assert_int_equal(umb_region_retarget(region, &source, NULL, NULL), UMB_E_UNAVAILABLE);
+    next.most = 0;
+    ask_region(region, &after);
+    assert_memory_equal(before.values, after.values, sizeof before.values);
+    assert_int_equal(after.answers.exact, POINTS);
+    umb_region_close(region);
+    bytes_finish(&old.file);
+    bytes_finish(&next.file);
+}
+
+static void a_version_withdrawn_while_it_is_read_loses_no_page(void **state)
+{
+    struct version old = make_version(noise), next = make_version(edited_noise);
+    struct umb_region *region = open_whole(&old);
+    struct umb_region_stats before, after;
+    (void)state;
+    next.most = 6000; /* the head, the first block and some of the others */
+    struct umb_region_source source = source_of(&next);
+    assert_int_equal(umb_region_retarget(region, &source, NULL, NULL), UMB_OK);
+    assert_int_equal(umb_region_update(region, NULL, NULL), UMB_E_UNAVAILABLE);
+    umb_region_get_stats(region, &before);
+    assert_true(before.partial.pages_held < before.partial.page_count);
+    source = source_of(&old);
+    assert_int_equal(umb_region_retarget(region, &source, NULL, NULL), UMB_OK);
+    assert_int_equal(umb_region_update(region, NULL, NULL), UMB_OK);
+    umb_region_get_stats(region, &after);
+    assert_int_equal(after.partial.pages_inherited, after.partial.page_count);
+    assert_int_equal(after.pages_received, before.pages_received);
+    /* The same version again: nothing changes but the source. */
+    assert_int_equal(umb_region_retarget(region, NULL, NULL, NULL), UMB_OK);
+    umb_region_get_stats(region, &before);
+    assert_int_equal(before.partial.pages_held, after.partial.page_count);
+    umb_region_close(region);
+    bytes_finish(&old.file);
+    bytes_finish(&next.file);
+}
+
+static void the_id_of_a_source_is_that_of_its_file(void **state)
+{
+    struct pieces pieces = {packed_noise(), .piece = 50};
+    const struct umb_region_source by_pieces = {.read_at = read_piece, .user = &pieces};
+    const struct umb_region_source by_ranges = {.read = read_memory, .user = &pieces.file};
+    uint8_t one[UMB_ID_BYTES], other[UMB_ID_BYTES];
+    struct umb_file_head head;
+    (void)state;
+    assert_int_equal(umb_file_read_head(pieces.file.data, pieces.file.size, &head, NULL), UMB_OK);
+    assert_int_equal(umb_region_source_id(&by_pieces, one, NULL), UMB_OK);
+    assert_int_equal(umb_region_source_id(&by_ranges, other, NULL), UMB_OK);
+    assert_memory_equal(one, head.id, sizeof one);
+    assert_memory_equal(other, head.id, sizeof other);
+    pieces.file.size = 100;
+    assert_int_equal(umb_region_source_id(&by_pieces, one, NULL), UMB_E_TRUNCATED);
+    pieces.status = UMB_E_IO;
+    assert_int_equal(umb_region_source_id(&by_pieces, one, NULL), UMB_E_IO);
+    bytes_finish(&pieces.file);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_source_of_pieces_completes_an_asset),
         cmocka_unit_test(bad_sources_are_refused),
+        cmocka_unit_test(a_region_reads_of_a_new_version_only_what_changed),
+        cmocka_unit_test(a_version_that_cannot_be_opened_leaves_the_region_as_it_was),
+        cmocka_unit_test(a_version_withdrawn_while_it_is_read_loses_no_page),
+        cmocka_unit_test(the_id_of_a_source_is_that_of_its_file),
         cmocka_unit_test(threads_query_a_region_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

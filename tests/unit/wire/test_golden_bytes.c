@@ -15,6 +15,7 @@
 #include "wire/bakes.h"
 #include "wire/messages.h"
 #include "wire/regions.h"
+#include "wire/versions.h"
 #include "wire/volume_queries.h"
 #include "wire_samples.h"
 #include "golden_bytes.h"
@@ -221,6 +222,8 @@ static void regions_keep_their_bytes(void **state)
     const struct umbw_region_reply reply = {
         .asset_id = {7}, .file_bytes = UINT64_MAX, .data = (const uint8_t *)"\6\7", .data_size = 2};
     expect("range", umbw_encode_region_reply(&reply, &b, NULL), &b);
+    const struct umbw_version_request version = {.asset = "city"};
+    expect("version", umbw_encode_version_request(&version, &b, NULL), &b);
     struct umbw_derive_request derive = {
         .asset = "city",
         .settings = {.light = 3,
