@@ -55,8 +55,8 @@ UMB__INLINE void umb__lamp_places(struct umb__lamp_samples *s, const double a[3]
             const double up = lift * r->light[axis][i];
             double *to = s->place[axis] + (size_t)UMB__SQUARE_SAMPLES * wide;
             for (uint32_t k = 0; k < UMB__SQUARE_SAMPLES; k++) {
-                to[k] = p + umb__lattice[0][k] * side * along +
-                        umb__lattice[1][k] * side * across - up;
+                to[k] =
+                    p + umb__lattice[0][k] * side * along + umb__lattice[1][k] * side * across - up;
             }
         }
     }

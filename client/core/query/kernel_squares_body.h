@@ -353,8 +353,7 @@ static void answer_face(const struct umb__query *query, uint32_t face,
     block->query = &face_query;
     choose_start(block);
     for (uint32_t p = 0; p < block->count; p++) {
-        block->compact[p] =
-            only[p] == face && umb__is_compact(&block->samples[p], block->level);
+        block->compact[p] = only[p] == face && umb__is_compact(&block->samples[p], block->level);
     }
     descend_together(block, stats);
 }

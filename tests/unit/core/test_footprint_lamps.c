@@ -122,8 +122,8 @@ static double depth_of(const double from[3])
 /* Returns whether a direction points along a surface's normal, which therefore faces away. */
 static int faces_away(const float normal[3], const double to[3])
 {
-    const double along = (double)normal[0] * to[0] + (double)normal[1] * to[1] +
-                         (double)normal[2] * to[2];
+    const double along =
+        (double)normal[0] * to[0] + (double)normal[1] * to[1] + (double)normal[2] * to[2];
     return along >= 0 && (normal[0] != 0 || normal[1] != 0 || normal[2] != 0);
 }
 
@@ -151,8 +151,7 @@ static void lamps_answer_means_over_squares_of_the_surface(void **state)
                 batch.footprints[i] = (float)(texel * taps * (1U << level) * 1.5);
             }
             const struct umb_points points = points_of(&batch);
-            ask(asset,
-                &(struct umb_query_settings){.filter = UMB_FILTER_FOOTPRINT, .taps = taps},
+            ask(asset, &(struct umb_query_settings){.filter = UMB_FILTER_FOOTPRINT, .taps = taps},
                 &points, values);
             for (size_t i = 0; i < POINTS; i++) {
                 double to[3], reach = 0;
