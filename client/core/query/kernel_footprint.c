@@ -76,24 +76,42 @@ static void place_level(const struct umb__query *q, const struct umb__receivers 
     }
 }
 
-/* Adds up the light that translucent casters leave at the lit samples of receiver i. Out: sums: of
- * the level below and of the level above. */
-static void weigh_samples(const struct chunk *chunk, const struct umb__receivers *r, uint32_t i,
-                          double sums[2])
+/* Returns the point of receiver i, or a sample of its squares. In: place: its position. normal: the
+ * receiver's. */
+static struct umb_points point_of(const struct chunk *chunk, uint32_t i, const double place[3],
+                                  const float normal[3])
+{
+    struct umb_points point = {.positions = place,
+                               .format = UMB_POINT_F64,
+                               .normals = chunk->receivers.has_normal[i] ? normal : NULL,
+                               .count = 1};
+    memcpy(point.origin, chunk->one.origin, sizeof point.origin);
+    return point;
+}
+
+/* Adds up the light that translucent casters leave at the lit samples of receiver i. In: sums:
+ * numbers of lit samples of the level below and of the level above. */
+static void weigh_samples(const struct chunk *chunk, uint32_t i, double sums[2])
 {
     const struct umb__query *one = &chunk->one;
+    const struct umb__receivers *r = &chunk->receivers;
     double places[2 * SAMPLES][3];
+    const double p[3] = {r->p[0][i], r->p[1][i], r->p[2][i]};
     const float normal[3] = {(float)r->given[0][i], (float)r->given[1][i], (float)r->given[2][i]};
+    if (one->face_count == 0) {
+        const struct umb_points point = point_of(chunk, i, p, normal);
+        const double reach[2] = {(fabs(r->edge[0][0][i]) + fabs(r->edge[1][0][i])) / 2,
+                                 (fabs(r->edge[0][1][i]) + fabs(r->edge[1][1][i])) / 2};
+        if (umb__transmittance_is_clear_at(&chunk->boxes, &point, 0, reach)) {
+            return;
+        }
+    }
     place_level(one, r, i, r->level_m[i], places);
     place_level(one, r, i, 2 * r->level_m[i], places + SAMPLES);
     sums[0] = sums[1] = 0;
     for (uint64_t rest = r->lit[i]; rest; rest &= rest - 1) {
         const uint32_t k = (uint32_t)__builtin_ctzll(rest);
-        struct umb_points point = {.positions = places[k],
-                                   .format = UMB_POINT_F64,
-                                   .normals = r->has_normal[i] ? normal : NULL,
-                                   .count = 1};
-        memcpy(point.origin, one->origin, sizeof point.origin);
+        const struct umb_points point = point_of(chunk, i, places[k], normal);
         sums[k / SAMPLES] += (double)(float)umb__transmittance_left(&chunk->boxes, &point, 0);
     }
 }
@@ -108,7 +126,7 @@ static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_st
         const bool window = r->window[i] != 0;
         double sums[2] = {r->lit_count[0][i], r->lit_count[1][i]};
         if (chunk->one.trans != NULL && !window) {
-            weigh_samples(chunk, r, i, sums);
+            weigh_samples(chunk, i, sums);
         }
         chunk->near[at + i] = window ? 0 : sums[0] / SAMPLES;
         chunk->far[at + i] = window ? 0 : sums[1] / SAMPLES;

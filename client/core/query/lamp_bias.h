@@ -65,9 +65,9 @@ struct umb__lamp_bias {
 };
 
 /* In: normal: unit normal; NULL: points without one. */
-static inline void umb__lamp_bias_make(const struct umb__query *q,
-                                       const struct umb_frustum_info *face, const double *normal,
-                                       struct umb__lamp_bias *b)
+UMB__INLINE void umb__lamp_bias_make(const struct umb__query *q,
+                                     const struct umb_frustum_info *face, const double *normal,
+                                     struct umb__lamp_bias *b)
 {
     const double *axis = face->world_to_voxel[3];
     /* A coarse look-up needs two cells, as under parallel light (query.c). */

@@ -79,6 +79,30 @@ double umb__transmittance_left(const struct umb__query *wide, const struct umb_p
     return share_left(lost, all);
 }
 
+bool umb__transmittance_is_clear_at(const struct umb__query *wide, const struct umb_points *points,
+                                    size_t i, const double reach[2])
+{
+    const struct umb__transmittance_map *map = &wide->trans->maps[wide->frustum];
+    const double size = (double)((uint32_t)1 << wide->log2_size);
+    struct umb__transmittance_window window = {0};
+    double v[3];
+    if (!umb__voxel_at(wide, points, i, v) || map->level == 0) {
+        return true;
+    }
+    const double more[2] = {reach[0] + wide->transmittance_taps / 2 + 1,
+                            reach[1] + wide->transmittance_taps / 2 + 1};
+    for (unsigned axis = 0; axis < 2; axis++) {
+        if (!(v[axis] + more[axis] >= 0 && v[axis] - more[axis] < size)) {
+            return v[axis] == v[axis]; /* NaN proves nothing */
+        }
+    }
+    window.x0 = v[0] > more[0] ? (uint32_t)(v[0] - more[0]) : 0;
+    window.y0 = v[1] > more[1] ? (uint32_t)(v[1] - more[1]) : 0;
+    window.x1 = (uint32_t)fmin(v[0] + more[0], size - 1);
+    window.y1 = (uint32_t)fmin(v[1] + more[1], size - 1);
+    return umb__transmittance_is_clear(wide->trans, map, wide->log2_size, &window);
+}
+
 double umb__transmittance_at(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
     struct umb__query wide;
