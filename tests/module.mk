@@ -149,7 +149,8 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(BUILD)/scenegen terrain --size 1024 --format ply -o "$$folder/terrain.ply" && $(BUILD)/scenegen city --size 59 --format ply -o "$$folder/city.ply" && \
 	for scene in terrain city; do for rule in on off; do \
-		$(BUILD)/umbrage-bake "$$folder/$$scene.ply" -o "$$folder/$$scene-$$rule.umb" --closed $$rule --sun 27,45 --quiet --verify 0 || exit 1; done; done && \
+		$(BUILD)/umbrage-bake "$$folder/$$scene.ply" -o "$$folder/$$scene-$$rule.umb" --closed $$rule --sun 27,45 --quiet --verify 0 || exit 1; done; \
+		$(BUILD)/umbrage-bake "$$folder/$$scene.ply" -o "$$folder/$$scene-lamp.umb" --point 21,-33,400 --resolution 4096 --quiet --verify 0 || exit 1; done && \
 	$(BUILD)/kernel_bits $(KERNEL_BITS) "$$folder"/*.umb
 .PHONY: kernel-bits
 

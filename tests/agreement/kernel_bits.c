@@ -10,7 +10,8 @@
  * kernel of every instruction set, the whole batch, slices of odd lengths and threads must write
  * the same bits. The kernels must count the same nodes and bricks. Every 64th answer must equal
  * that of window_count.c, which looks up one window at a time. Tents and footprints of all widths
- * of the same points must have equal bits and counts by every kernel.
+ * of the same points must have equal bits and counts by every kernel. Under a lamp footprints alone
+ * are compared, at sample points of the asset and around them.
  * Prints what it compared. Exit code 1: two answers or counts differ.
  */
 #include <math.h>
@@ -20,6 +21,7 @@
 #include <string.h>
 
 #include "query/kernels.h"
+#include "umbrage/sample.h"
 
 #define CHUNK   65536U
 #define THREADS 4U
@@ -184,12 +186,38 @@ static int check_chunk(const struct umb_query *query, const struct way *ways, si
     return wrong + compare_walk(q);
 }
 
-/* Compares the answers of tents and footprints for the points. Out: number of kernels whose bits or
- * counts differ. */
+/* Answers the points with one filter by every kernel. Out: number of kernels whose bits or counts
+ * differ. */
+static int check_filter(const struct umb_asset *asset, const struct umb_query_settings *settings,
+                        const struct umb_points *batch, const struct way *ways, size_t way_count)
+{
+    struct umb_query_stats counted = {0};
+    struct umb_query prepared;
+    int wrong = 0;
+    if (umb_query_prepare(asset, settings, &prepared, NULL) != UMB_OK) {
+        return 1;
+    }
+    for (size_t w = 0; w < way_count; w++) {
+        const bool tent = settings->filter == UMB_FILTER_TENT;
+        struct umb__query q;
+        memcpy(&q, prepared.opaque, sizeof q);
+        struct umb_answers to = {.values = answers[w > 0]};
+        q.kernels = &ways[w].kernels;
+        memset(answers[w > 0], 0xff, sizeof answers[0]);
+        (tent ? ways[w].kernels.tents : q.run)(&q, batch, 0, CHUNK, &to);
+        wrong += memcmp(answers[0], answers[w > 0], sizeof answers[0]) != 0;
+        counted = w == 0 ? to.stats : counted;
+        wrong += memcmp(&counted, &to.stats, sizeof counted) != 0;
+    }
+    return wrong;
+}
+
+/* Compares the answers of tents and footprints for the points. */
 static int check_filters(const struct umb_asset *asset, const struct umb_query *query,
                          const struct way *ways, size_t way_count)
 {
     const struct umb__query *box = (const struct umb__query *)(const void *)query->opaque;
+    const struct umb_points batch = batch_of(box);
     const double edge = umb__length(box->voxel_step[0]);
     int wrong = 0;
     for (unsigned turn = 0; turn < 6; turn++) {
@@ -199,22 +227,85 @@ static int check_filters(const struct umb_asset *asset, const struct umb_query *
             .bias_mode = box->bias_mode,
             .filter = tent ? UMB_FILTER_TENT : UMB_FILTER_FOOTPRINT,
             .footprint_m = tent ? 0 : box->taps * edge * (0.7 * (1U << 2 * turn))};
-        struct umb_query_stats counted = {0};
-        struct umb_query prepared;
-        if (umb_query_prepare(asset, &settings, &prepared, NULL) != UMB_OK) {
+        wrong += check_filter(asset, &settings, &batch, ways, way_count);
+    }
+    return wrong;
+}
+
+/* Draws sample points of a lamp. In a picture, neighbours of one in 64 of them. In: edge: metres
+ * between neighbours. */
+static int make_lamp_points(const struct umb_asset *asset, int picture, double edge,
+                            uint64_t *state)
+{
+    const struct umb_sample_settings settings = {.count = CHUNK, .seed = *state};
+    struct umb_sample sample;
+    if (umb_asset_sample(asset, &settings, &points[0][0], &sample, NULL) != UMB_OK ||
+        sample.count != CHUNK) {
+        return 0;
+    }
+    for (uint32_t i = 0; i < CHUNK && picture; i++) {
+        for (unsigned axis = 0; axis < 3 && i % 64 != 0; axis++) {
+            points[i][axis] = points[i - 1][axis] + (unit(state) - 0.45) * edge;
+        }
+    }
+    make_normals(state);
+    return 1;
+}
+
+/* Compares the footprints of a lamp, from a texel wide to wider than its faces. */
+static int check_lamp(const struct umb_asset *asset, const struct way *ways, size_t way_count,
+                      size_t count)
+{
+    uint64_t state = 20261123;
+    int wrong = 0;
+    for (size_t chunk = 0; chunk * CHUNK < count; chunk++) {
+        const double edge = 0.01 * (double)(1U << chunk % 12);
+        if (!make_lamp_points(asset, (int)(chunk % 2), edge, &state)) {
             return 1;
         }
-        for (size_t w = 0; w < way_count; w++) {
-            struct umb__query q;
-            memcpy(&q, prepared.opaque, sizeof q);
-            struct umb_answers to = {.values = answers[w > 0]};
-            const struct umb_points batch = batch_of(&q);
-            q.kernels = &ways[w].kernels;
-            memset(answers[w > 0], 0xff, sizeof answers[0]);
-            (tent ? ways[w].kernels.tents : q.run)(&q, &batch, 0, CHUNK, &to);
-            wrong += memcmp(answers[0], answers[w > 0], sizeof answers[0]) != 0;
-            counted = w == 0 ? to.stats : counted;
-            wrong += memcmp(&counted, &to.stats, sizeof counted) != 0;
+        for (unsigned turn = 0; turn < 6; turn++) {
+            struct umb_points batch = {.positions = points,
+                                       .format = UMB_POINT_F64,
+                                       .normals = turn < 3 ? normals : NULL,
+                                       .count = CHUNK};
+            const struct umb_query_settings settings = {
+                .taps = 1 + 4 * (turn % 3),
+                .bias_mode = turn == 5 ? UMB_BIAS_VOXELS : UMB_BIAS_AUTO,
+                .bias = turn == 5 ? 1.5 : 0,
+                .filter = UMB_FILTER_FOOTPRINT,
+                .footprint_m = edge * (double)(1 + 20 * turn)};
+            struct umb_asset_info info;
+            umb_asset_get_info(asset, &info);
+            memcpy(batch.origin, info.origin, sizeof batch.origin);
+            wrong += check_filter(asset, &settings, &batch, ways, way_count);
+        }
+    }
+    return wrong;
+}
+
+/* Compares windows, tents and footprints of a sun. */
+static int check_sun(const struct umb_asset *asset, const struct way *ways, size_t way_count,
+                     size_t count, struct umb_error *error)
+{
+    uint64_t state = 20261121;
+    int wrong = 0;
+    for (uint32_t taps = 1; taps <= 17; taps += 8) {
+        struct umb_query queries[2]; /* of points without and with normals */
+        for (unsigned k = 0; k < 2; k++) {
+            const struct umb_query_settings settings = {
+                .taps = taps, .bias_mode = k == 0 ? UMB_BIAS_NONE : UMB_BIAS_AUTO};
+            if (umb_query_prepare(asset, &settings, &queries[k], error) != UMB_OK) {
+                (void)fprintf(stderr, "%s\n", error->message);
+                return 1;
+            }
+        }
+        for (size_t chunk = 0; chunk * CHUNK < count; chunk++) {
+            const struct umb_query *query = &queries[chunk / 2 % 2];
+            make_points((const struct umb__query *)(const void *)query->opaque, (int)(chunk % 2),
+                        &state);
+            make_normals(&state);
+            wrong += check_chunk(query, ways, way_count);
+            wrong += check_filters(asset, query, ways, way_count);
         }
     }
     return wrong;
@@ -228,7 +319,6 @@ static int check_asset(const char *path, size_t count)
                             .receivers = umb__receivers_base,
                             .squares = umb__squares_base}}};
     size_t way_count = 1;
-    uint64_t state = 20261121;
     struct umb_asset *asset;
     struct umb_error error;
     int wrong = 0;
@@ -253,29 +343,19 @@ static int check_asset(const char *path, size_t count)
         (void)fprintf(stderr, "%s: %s\n", path, error.message);
         return 1;
     }
-    for (uint32_t taps = 1; taps <= 17; taps += 8) {
-        struct umb_query queries[2]; /* of points without and with normals */
-        for (unsigned k = 0; k < 2; k++) {
-            const struct umb_query_settings settings = {
-                .taps = taps, .bias_mode = k == 0 ? UMB_BIAS_NONE : UMB_BIAS_AUTO};
-            if (umb_query_prepare(asset, &settings, &queries[k], &error) != UMB_OK) {
-                (void)fprintf(stderr, "%s: %s\n", path, error.message);
-                return 1;
-            }
-        }
-        for (size_t chunk = 0; chunk * CHUNK < count; chunk++) {
-            const struct umb_query *query = &queries[chunk / 2 % 2];
-            make_points((const struct umb__query *)(const void *)query->opaque, (int)(chunk % 2),
-                        &state);
-            make_normals(&state);
-            wrong += check_chunk(query, ways, way_count);
-            wrong += check_filters(asset, query, ways, way_count);
-        }
+    struct umb_light_info light;
+    const bool known = umb_asset_get_light(asset, 0, &light) == UMB_OK;
+    const bool lamp = known && light.kind != UMB_LIGHT_DIRECTIONAL;
+    if (lamp) {
+        wrong = check_lamp(asset, ways, way_count, count);
+    } else {
+        wrong = check_sun(asset, ways, way_count, count, &error);
     }
     umb_asset_close(asset);
-    printf("%s: 1, 9 and 17 taps, %zu points each, %s and %s, slices of %u by %u threads: %s\n",
-           path, (count + CHUNK - 1) / CHUNK * CHUNK, ways[0].name, ways[way_count - 1].name,
-           STRIDE, THREADS, wrong ? "DIFFERENT" : "equal bits");
+    printf("%s: %s, %zu points each, %s and %s: %s\n", path,
+           lamp ? "footprints of a lamp" : "1, 9 and 17 taps, tents, footprints, slices, threads",
+           (count + CHUNK - 1) / CHUNK * CHUNK, ways[0].name, ways[way_count - 1].name,
+           wrong ? "DIFFERENT" : "equal bits");
     return wrong != 0;
 }
 

@@ -39,10 +39,43 @@ static int ground(const void *user, uint32_t frustum, uint32_t x, uint32_t y, ui
     return z < height(x, y);
 }
 
+/* Turns light 1 into a spot light 64 voxels before the frustum, whose slices of depth are those of
+ * the sun. */
+static void set_spot(struct umb__content *content)
+{
+    const double half = 0.5 * SIZE, before = 64, tangent = 0.7;
+    double(*m)[4] = content->frusta[1].world_to_voxel;
+    content->lights[1].kind = UMB_LIGHT_SPOT;
+    content->lights[1].position[0] = content->lights[1].position[1] = half * voxel_m;
+    content->lights[1].position[2] = -before * voxel_m;
+    memset(m, 0, sizeof content->frusta[1].world_to_voxel);
+    for (int i = 0; i < 2; i++) {
+        m[i][i] = half / tangent;
+        m[i][2] = half;
+        m[i][3] = half * (before - half / tangent) * voxel_m;
+    }
+    m[2][2] = 1 / voxel_m;
+    m[3][2] = 1;
+    m[3][3] = before * voxel_m;
+}
+
 static int write_asset(const char *path)
 {
-    struct voxels voxels = {ground, NULL, LOG2, 1};
-    struct bytes packed = make_packed(&voxels, voxel_m, origin);
+    const struct voxels voxels = {ground, NULL, LOG2, 2};
+    struct bytes packed = {0};
+    struct umb_sink sink = bytes_sink(&packed);
+    struct umb__octree octree;
+    struct umb__content content;
+    struct umb_error error = {0};
+    uint8_t id[UMB_ID_BYTES];
+    make_octree(&voxels, &octree);
+    make_content(&voxels, voxel_m, origin, &content);
+    set_spot(&content);
+    if (umb__pack_write(&content, &octree, &test_digest, &sink, id, &error) != UMB_OK) {
+        (void)fprintf(stderr, "%s\n", error.message);
+        return 1;
+    }
+    umb__octree_finish(&octree);
     struct bytes mapped = make_mapped(&packed);
     FILE *file = fopen(path, "wb");
     int ok = file && fwrite(mapped.data, 1, mapped.size, file) == mapped.size;
@@ -70,21 +103,35 @@ static const struct row {
     enum umb_filter filter;
     umb__kernel *run; /* NULL: the query's own, with these kernels of footprints */
     struct umb__kernels kernels;
+    bool lamp; /* True: the spot light, and points with normals; false: the sun */
 } KERNELS[] = {
-    {"base", UMB_FILTER_BOX, umb__kernel_base, {0}},
-    {"avx2", UMB_FILTER_BOX, umb__kernel_avx2, {0}},
-    {"tent_base", UMB_FILTER_TENT, umb__tent_base, {0}},
-    {"tent_avx2", UMB_FILTER_TENT, umb__tent_avx2, {0}},
-    {"penumbra", UMB_FILTER_PENUMBRA, umb__kernel_penumbra, {0}},
+    {"base", UMB_FILTER_BOX, umb__kernel_base, {0}, false},
+    {"avx2", UMB_FILTER_BOX, umb__kernel_avx2, {0}, false},
+    {"tent_base", UMB_FILTER_TENT, umb__tent_base, {0}, false},
+    {"tent_avx2", UMB_FILTER_TENT, umb__tent_avx2, {0}, false},
+    {"penumbra", UMB_FILTER_PENUMBRA, umb__kernel_penumbra, {0}, false},
     {"footprint_base",
      UMB_FILTER_FOOTPRINT,
      NULL,
-     {.receivers = umb__receivers_base, .squares = umb__squares_base}},
+     {.receivers = umb__receivers_base, .squares = umb__squares_base},
+     false},
     {"footprint_avx2",
      UMB_FILTER_FOOTPRINT,
      NULL,
-     {.receivers = umb__receivers_avx2, .squares = umb__squares_avx2}},
-    {"query", UMB_FILTER_BOX, NULL, {0}},
+     {.receivers = umb__receivers_avx2, .squares = umb__squares_avx2},
+     false},
+    {"lamp_footprint_base",
+     UMB_FILTER_FOOTPRINT,
+     NULL,
+     {.receivers = umb__receivers_base, .squares = umb__squares_base},
+     true},
+    {"lamp_footprint_avx2",
+     UMB_FILTER_FOOTPRINT,
+     NULL,
+     {.receivers = umb__receivers_avx2, .squares = umb__squares_avx2},
+     true},
+    {"lamp_query", UMB_FILTER_BOX, NULL, {0}, true},
+    {"query", UMB_FILTER_BOX, NULL, {0}, false},
 };
 
 static const struct row *row_of(const char *name)
@@ -98,11 +145,12 @@ static const struct row *row_of(const char *name)
 
 static int run(const char *path, const char *kernel, uint32_t taps)
 {
-    static float points[SIDE * SIDE][3], values[SIDE * SIDE];
+    static float points[SIDE * SIDE][3], normals[SIDE * SIDE][3], values[SIDE * SIDE];
     const struct row *row = row_of(kernel);
     struct umb_open_options options = {.trust = UMB_TRUST_VALIDATED};
-    struct umb_query_settings settings = {
-        .taps = taps, .bias_mode = UMB_BIAS_NONE, .filter = row->filter};
+    struct umb_query_settings settings = {.taps = taps, .filter = row->filter};
+    settings.light = row->lamp ? 1 : 0;
+    settings.bias_mode = row->lamp ? UMB_BIAS_AUTO : UMB_BIAS_NONE;
     settings.light_extent = row->filter == UMB_FILTER_PENUMBRA ? 0.1 : 0;
     settings.footprint_m = row->filter == UMB_FILTER_FOOTPRINT ? FAR * taps * voxel_m : 0;
     struct umb_asset *asset;
@@ -114,7 +162,11 @@ static int run(const char *path, const char *kernel, uint32_t taps)
         return 1;
     }
     make_points(points);
-    struct umb_points batch = {.positions = points, .count = SIDE * SIDE};
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        normals[i][2] = -1;
+    }
+    struct umb_points batch = {
+        .positions = points, .normals = row->lamp ? normals : NULL, .count = SIDE * SIDE};
     struct umb_answers answers = {.values = values};
     struct umb__query q;
     memcpy(&q, query.opaque, sizeof q);

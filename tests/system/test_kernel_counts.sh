@@ -26,7 +26,7 @@ failures=0
 while read -r kernel taps figure; do
     case $kernel in '#'* | '') continue ;; esac
     # Footprints are a stage around kernels, so instructions of the whole query are counted.
-    case $kernel in footprint_*) counted=umb_query_run ;; tent_*) counted=umb__$kernel ;; *) counted=umb__kernel_$kernel ;; esac
+    case $kernel in *footprint_* | lamp_*) counted=umb_query_run ;; tent_*) counted=umb__$kernel ;; *) counted=umb__kernel_$kernel ;; esac
     points=$(valgrind --tool=callgrind --callgrind-out-file="$folder/out" \
         --toggle-collect="$counted" \
         "$BUILD/kernel_count" run "$folder/ground.umbm" "$kernel" "$taps" 2>"$folder/log" |

@@ -280,6 +280,43 @@ uint64_t umb__transmittance_lost(const struct umb__trans *trans,
     return sum;
 }
 
+#define CLEAR_BLOCKS 64U /* Blocks of a window that umb__transmittance_is_clear looks at */
+
+bool umb__transmittance_is_clear(const struct umb__trans *trans,
+                                 const struct umb__transmittance_map *map, uint32_t n,
+                                 const struct umb__transmittance_window *w)
+{
+    const uint32_t shift = n - map->level, across = map->level - UMB__TRANSMITTANCE_LEVEL_MIN;
+    const uint32_t x0 = w->x0 >> shift, x1 = w->x1 >> shift;
+    const uint32_t y0 = w->y0 >> shift, y1 = w->y1 >> shift;
+    if ((x1 / 8 - x0 / 8 + 1) * (y1 / 8 - y0 / 8 + 1) > CLEAR_BLOCKS) {
+        return false;
+    }
+    for (uint32_t by = y0 / 8; by <= y1 / 8; by++) {
+        const uint32_t rows = bits_in_block(y0, y1, by);
+        uint64_t texels = 0;
+        for (unsigned row = 0; row < 8; row++) {
+            texels |= (rows >> row & 1 ? UINT64_C(0xff) : 0) << 8 * row;
+        }
+        for (uint32_t bx = x0 / 8; bx <= x1 / 8; bx++) {
+            const struct umb__transmittance_group *square =
+                &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
+            const unsigned bit = (bx & 7) + 8 * (by & 7);
+            if (!(square->mask >> bit & 1)) {
+                continue;
+            }
+            const struct umb__transmittance_group *block =
+                &trans->blocks[square->first +
+                               (uint32_t)__builtin_popcountll(square->mask & below(bit))];
+            const uint64_t columns = bits_in_block(x0, x1, bx) * UINT64_C(0x0101010101010101);
+            if (block->mask & columns & texels) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
 /* --- writing ---------------------------------------------------------------------------------- */
 
 #define STEP_BYTES_MAX (2 * UMB__NUMBER_BYTES_MAX)

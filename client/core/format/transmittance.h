@@ -84,6 +84,12 @@ uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *window);
 
+/* Returns whether no texel of a window has a list. The depth is not read. Windows of many blocks
+ * may give false without a list. */
+bool umb__transmittance_is_clear(const struct umb__trans *trans,
+                                 const struct umb__transmittance_map *map, uint32_t n,
+                                 const struct umb__transmittance_window *window);
+
 /*
  * Writing: squares of 64x64 texels, in the order of the entry.
  *

@@ -2,9 +2,8 @@
 /*
  * Footprints: the share of the light that reaches the patch of a surface that a pixel covers. All
  * arithmetic is in doubles, the same on all machines. Kernels find the footprints of 64 points at a
- * time (kernel_receivers.h) and answer their squares under parallel light (kernel_squares_body.h).
- * If a stage of lamps or of translucent casters is inside this stage (stages.h), the samples of
- * each point go through that stage.
+ * time (kernel_receivers.h) and answer their squares for opaque casters (kernel_squares_body.h).
+ * Lit samples are then weighed with the light that translucent casters leave, if there are any.
  *
  * Level 0 of a point is its window of `taps` texels, as without a footprint. Level k > 0 is the
  * mean of one-tap look-ups spread over a square of its surface, 2^k windows wide: the plane through
@@ -18,6 +17,7 @@
  * the slope. Its lift, along the light, only clears the surface's relief within a pixel.
  */
 #include "query/kernels.h"
+#include "query/perspective.h"
 #include "query/slice_count.h"
 #include "query/stages.h"
 
@@ -28,8 +28,8 @@
 struct chunk {
     struct umb__query window; /* The least window ... */
     struct umb__query one;    /* ... and one tap: what levels are made of */
-    bool alone; /* True: samples go through the stages inside, point by point; false: the kernel of
-                   squares answers them */
+    struct umb__query boxes;  /* One that moves samples as the boxes of translucent casters need it;
+                                 set if there are any */
     struct umb_points points; /* Points of the chunk */
     double near[CHUNK], far[CHUNK], weight[CHUNK];
     uint32_t window_count;
@@ -76,35 +76,44 @@ static void place_level(const struct umb__query *q, const struct umb__receivers 
     }
 }
 
-/* Answers the squares of receiver i through the stages inside this one. */
-static void look_up_alone(const struct chunk *chunk, struct umb__receivers *r, uint32_t i,
-                          struct umb_query_stats *stats)
+/* Returns the point of receiver i, or a sample of its squares. In: place: its position. normal: the
+ * receiver's. */
+static struct umb_points point_of(const struct chunk *chunk, uint32_t i, const double place[3],
+                                  const float normal[3])
+{
+    struct umb_points point = {.positions = place,
+                               .format = UMB_POINT_F64,
+                               .normals = chunk->receivers.has_normal[i] ? normal : NULL,
+                               .count = 1};
+    memcpy(point.origin, chunk->one.origin, sizeof point.origin);
+    return point;
+}
+
+/* Adds up the light that translucent casters leave at the lit samples of receiver i. In: sums:
+ * numbers of lit samples of the level below and of the level above. */
+static void weigh_samples(const struct chunk *chunk, uint32_t i, double sums[2])
 {
     const struct umb__query *one = &chunk->one;
-    double places[2 * SAMPLES][3], sums[2] = {0, 0};
-    float normals[2 * SAMPLES][3], values[2 * SAMPLES];
-    const size_t first = r->both[i] ? 0 : SAMPLES;
-    place_level(one, r, i, r->level_m[i], places);
-    place_level(one, r, i, 2 * r->level_m[i], places + SAMPLES);
-    for (size_t k = 0; k < 2 * SAMPLES; k++) {
-        for (unsigned axis = 0; axis < 3; axis++) {
-            normals[k][axis] = (float)r->given[axis][i];
+    const struct umb__receivers *r = &chunk->receivers;
+    double places[2 * SAMPLES][3];
+    const double p[3] = {r->p[0][i], r->p[1][i], r->p[2][i]};
+    const float normal[3] = {(float)r->given[0][i], (float)r->given[1][i], (float)r->given[2][i]};
+    if (one->face_count == 0) {
+        const struct umb_points point = point_of(chunk, i, p, normal);
+        const double reach[2] = {(fabs(r->edge[0][0][i]) + fabs(r->edge[1][0][i])) / 2,
+                                 (fabs(r->edge[0][1][i]) + fabs(r->edge[1][1][i])) / 2};
+        if (umb__transmittance_is_clear_at(&chunk->boxes, &point, 0, reach)) {
+            return;
         }
     }
-    struct umb_points points = {.positions = places,
-                                .format = UMB_POINT_F64,
-                                .normals = r->has_normal[i] ? normals : NULL,
-                                .count = 2 * SAMPLES};
-    memcpy(points.origin, one->origin, sizeof points.origin);
-    struct umb_answers answers = {.values = values};
-    one->run(one, &points, first, 2 * SAMPLES - first, &answers);
-    stats->nodes += answers.stats.nodes;
-    stats->bricks += answers.stats.bricks;
-    for (size_t k = first; k < 2 * SAMPLES; k++) {
-        sums[k / SAMPLES] += (double)values[k];
+    place_level(one, r, i, r->level_m[i], places);
+    place_level(one, r, i, 2 * r->level_m[i], places + SAMPLES);
+    sums[0] = sums[1] = 0;
+    for (uint64_t rest = r->lit[i]; rest; rest &= rest - 1) {
+        const uint32_t k = (uint32_t)__builtin_ctzll(rest);
+        const struct umb_points point = point_of(chunk, i, places[k], normal);
+        sums[k / SAMPLES] += (double)(float)umb__transmittance_left(&chunk->boxes, &point, 0);
     }
-    r->mean[0][i] = sums[0] / SAMPLES;
-    r->mean[1][i] = sums[1] / SAMPLES;
 }
 
 /* Answers the squares of a block of receivers. In: at: place of the block's first point in the
@@ -112,20 +121,39 @@ static void look_up_alone(const struct chunk *chunk, struct umb__receivers *r, u
 static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
     struct umb__receivers *r = &chunk->receivers;
-    for (uint32_t i = 0; i < r->count && chunk->alone; i++) {
-        if (!r->window[i]) {
-            look_up_alone(chunk, r, i, stats);
-        }
-    }
-    if (!chunk->alone) {
-        chunk->one.kernels->squares(&chunk->one, r, stats);
-    }
+    chunk->one.kernels->squares(&chunk->one, r, stats);
     for (uint32_t i = 0; i < r->count; i++) {
         const bool window = r->window[i] != 0;
-        chunk->near[at + i] = window ? 0 : r->mean[0][i];
-        chunk->far[at + i] = window ? 0 : r->mean[1][i];
+        double sums[2] = {r->lit_count[0][i], r->lit_count[1][i]};
+        if (chunk->one.trans != NULL && !window) {
+            weigh_samples(chunk, i, sums);
+        }
+        chunk->near[at + i] = window ? 0 : sums[0] / SAMPLES;
+        chunk->far[at + i] = window ? 0 : sums[1] / SAMPLES;
         chunk->weight[at + i] = r->weight[i];
         chunk->both[at + i] = r->both[i] && !window;
+    }
+}
+
+/* Counts where the look-up of one tap of point `at` lies, which has no window. In: i: its
+ * receiver. */
+static void count_place(const struct chunk *chunk, uint32_t at, uint32_t i,
+                        struct umb_query_stats *stats)
+{
+    const struct umb__receivers *r = &chunk->receivers;
+    const struct umb__query *one = &chunk->one;
+    stats->points++;
+    if (one->face_count == 0) {
+        const double voxel[3] = {r->voxel[0][i], r->voxel[1][i], r->voxel[2][i]};
+        umb__count_place(voxel, one->log2_size, stats);
+        return;
+    }
+    struct umb__sighting seen;
+    umb__perspective_map(one, &chunk->points, at, &seen);
+    if (seen.facing_away) {
+        stats->facing_away++;
+    } else {
+        umb__count_place(seen.voxel, one->faces[seen.face].log2_size, stats);
     }
 }
 
@@ -133,14 +161,11 @@ static void answer_squares(struct chunk *chunk, uint32_t at, struct umb_query_st
  * statistics. In: at: place of the block's first point in the chunk. */
 static void list_windows(struct chunk *chunk, uint32_t at, struct umb_query_stats *stats)
 {
-    const struct umb__receivers *r = &chunk->receivers;
-    for (uint32_t i = 0; i < r->count; i++) {
-        if (!chunk->both[at + i] || chunk->alone) {
+    for (uint32_t i = 0; i < chunk->receivers.count; i++) {
+        if (!chunk->both[at + i]) {
             chunk->windows[chunk->window_count++] = (uint16_t)(at + i);
         } else {
-            const double voxel[3] = {r->voxel[0][i], r->voxel[1][i], r->voxel[2][i]};
-            (void)umb__window_at(&chunk->one, voxel, stats);
-            stats->points++;
+            count_place(chunk, at + i, i, stats);
         }
     }
 }
@@ -192,7 +217,9 @@ static void footprint_run(const struct umb__query *q, const struct umb_points *p
     chunk.one = chunk.window;
     chunk.one.taps = 1;
     chunk.one.no_normal_m = q->sample_no_normal_m;
-    chunk.alone = q->footprint_inner != q->kernel;
+    if (q->trans != NULL) {
+        umb__transmittance_widen(&chunk.one, &chunk.boxes);
+    }
     for (size_t done = 0; done < count; done += CHUNK) {
         const size_t at = first + done, n = count - done < CHUNK ? count - done : CHUNK;
         chunk.points = umb__some_points(points, at, n);
@@ -252,6 +279,6 @@ const struct umb__filter umb__filter_footprint = {
     .partial = "filter: footprint: a partial asset tells of windows only; ask the whole",
     .check = check,
     .set = set,
-    .slice = 512, /* points of up to 4 us each, where they go one by one */
+    .slice = 512, /* points of up to 4 us each, behind translucent casters */
     .work = 64,   /* two levels of 32 look-ups */
 };

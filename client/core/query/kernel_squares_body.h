@@ -14,6 +14,7 @@
  * Up to sixteen points go together, stage by stage as in kernel_body.h: each stage prefetches what
  * the next one reads.
  */
+#include "query/kernel_lamp_squares.h"
 #include "query/kernel_receivers.h"
 #include "query/kernel_square_steps.h"
 
@@ -48,9 +49,11 @@ struct square_block {
     uint32_t level;          /* Level of the cubes at which descents begin, the first cubes */
     bool pieces;             /* True: these are pieces of columns; false: cells of the grid */
     uint8_t lane[TOGETHER];  /* Receivers of the points */
+    bool compact[TOGETHER];  /* By point: all samples are within four first cubes on each axis */
     uint64_t todo[TOGETHER]; /* By point: samples that need a look-up */
     uint64_t lit[TOGETHER];  /* By point: lit samples so far */
     struct umb__samples samples[TOGETHER];
+    struct umb__child_bytes faces[TOGETHER]; /* By point, for lamps: faces of the samples */
     union {
         struct umb__child_bytes bytes[TOGETHER];
         struct umb__slice_places places[TOGETHER];
@@ -162,12 +165,12 @@ static uint32_t list_compact(struct square_block *block, uint32_t open, struct s
 
 /* Settles the samples whose first cube, at which the descent begins, is uniform, and makes groups
  * of the other samples. */
-static void group_by_cube(const struct umb__receivers *receivers, struct square_block *block,
-                          struct sample_groups *to, struct umb_query_stats *stats)
+static void group_by_cube(struct square_block *block, struct sample_groups *to,
+                          struct umb_query_stats *stats)
 {
     uint32_t count = 0, left = 0, open = 0;
     for (uint32_t p = 0; p < block->count; p++) {
-        const bool compact = receivers->compact[block->lane[p]] != 0;
+        const bool compact = block->compact[p];
         block->open_point[open] = (uint8_t)p;
         block->open[open] = block->todo[p];
         open += compact && block->todo[p] != 0;
@@ -286,11 +289,10 @@ static void read_bricks(struct square_block *block, const struct sample_groups *
     }
 }
 
-static void descend_together(const struct umb__receivers *receivers, struct square_block *block,
-                             struct umb_query_stats *stats)
+static void descend_together(struct square_block *block, struct umb_query_stats *stats)
 {
     struct sample_groups *from = &block->groups[0], *to = &block->groups[1];
-    group_by_cube(receivers, block, from, stats);
+    group_by_cube(block, from, stats);
     for (uint32_t level = block->level; level > UMB_LEVEL_BRICK;) {
         struct sample_groups *made = to;
         level -= 2;
@@ -302,34 +304,104 @@ static void descend_together(const struct umb__receivers *receivers, struct squa
     read_bricks(block, from);
 }
 
+/* Starts a block with the next points that have squares, from receiver i. Returns the receiver
+ * after them. Out: all samples are still to do. */
+static uint32_t take_points(const struct umb__receivers *receivers, uint32_t i,
+                            struct square_block *block)
+{
+    block->count = 0;
+    for (; i < receivers->count && block->count < TOGETHER; i++) {
+        block->lane[block->count] = (uint8_t)i;
+        block->todo[block->count] = receivers->both[i] ? UINT64_MAX : UINT64_MAX << 32;
+        block->count += !receivers->window[i];
+    }
+    return i;
+}
+
+/* Answers a block of points under parallel light. */
+static void answer_sun(const struct umb__receivers *receivers, struct square_block *block,
+                       struct umb_query_stats *stats)
+{
+    for (uint32_t p = 0; p < block->count; p++) {
+        const uint32_t i = block->lane[p];
+        const uint64_t wanted = block->todo[p];
+        const uint64_t inside =
+            UMB__PLACE_SAMPLES(receivers, i, block->query->log2_size, &block->samples[p]);
+        block->compact[p] = receivers->compact[i] != 0;
+        block->lit[p] = wanted & ~inside;
+        block->todo[p] = wanted & inside;
+    }
+    descend_together(block, stats);
+}
+
+/* Answers the samples that a block has in one face. In: wanted: samples of the points. only: by
+ * point, the face of all its samples in faces. */
+static void answer_face(const struct umb__query *query, uint32_t face,
+                        const uint64_t wanted[TOGETHER], const uint32_t only[TOGETHER],
+                        struct square_block *block, struct umb_query_stats *stats)
+{
+    struct umb__query face_query;
+    uint64_t any = 0;
+    for (uint32_t p = 0; p < block->count; p++) {
+        block->todo[p] = UMB__SAMPLES_IN(&block->faces[p], wanted[p], (uint8_t)face);
+        any |= block->todo[p];
+    }
+    if (any == 0) {
+        return;
+    }
+    umb__perspective_face(query, face, &face_query);
+    block->query = &face_query;
+    choose_start(block);
+    for (uint32_t p = 0; p < block->count; p++) {
+        block->compact[p] = only[p] == face && umb__is_compact(&block->samples[p], block->level);
+    }
+    descend_together(block, stats);
+}
+
+/* Answers a block of points under a lamp, face by face. In: a, b: unit vectors along surfaces. */
+static void answer_lamp(const struct umb__query *query, const struct umb__receivers *receivers,
+                        const umb__vectors a, const umb__vectors b, struct square_block *block,
+                        struct umb_query_stats *stats)
+{
+    uint64_t wanted[TOGETHER];
+    uint32_t only[TOGETHER];
+    for (uint32_t p = 0; p < block->count; p++) {
+        const uint32_t i = block->lane[p];
+        const double one[3] = {a[0][i], a[1][i], a[2][i]}, other[3] = {b[0][i], b[1][i], b[2][i]};
+        wanted[p] = block->todo[p];
+        only[p] = umb__place_under_lamp(query, receivers, i, one, other, &block->samples[p],
+                                        &block->faces[p]);
+        block->lit[p] = UMB__SAMPLES_IN(&block->faces[p], wanted[p], UMB__FACE_LIT);
+    }
+    for (uint32_t face = 0; face < query->face_count; face++) {
+        answer_face(query, face, wanted, only, block, stats);
+    }
+}
+
 void UMB__SQUARES_FN(const struct umb__query *query, struct umb__receivers *receivers,
                      struct umb_query_stats *stats)
 {
     struct square_block block;
+    umb__vectors a, b;
     block.query = query;
-    choose_start(&block);
-    umb__receivers_place(query, (double)(1U << block.level), receivers);
+    if (query->face_count > 0) {
+        umb__receivers_span(receivers, a, b);
+    } else {
+        choose_start(&block);
+        umb__receivers_place(query, (double)(1U << block.level), receivers);
+    }
     for (uint32_t i = 0; i < receivers->count;) {
-        block.count = 0;
-        for (; i < receivers->count && block.count < TOGETHER; i++) {
-            const uint32_t p = block.count;
-            const uint64_t wanted = receivers->both[i] ? UINT64_MAX : UINT64_MAX << 32;
-            if (receivers->window[i]) {
-                continue;
-            }
-            const uint64_t inside =
-                UMB__PLACE_SAMPLES(receivers, i, query->log2_size, &block.samples[p]);
-            block.lane[p] = (uint8_t)i;
-            block.lit[p] = wanted & ~inside;
-            block.todo[p] = wanted & inside;
-            block.count++;
+        i = take_points(receivers, i, &block);
+        if (query->face_count > 0) {
+            answer_lamp(query, receivers, a, b, &block, stats);
+        } else {
+            answer_sun(receivers, &block, stats);
         }
-        descend_together(receivers, &block, stats);
         for (uint32_t p = 0; p < block.count; p++) {
-            const double below = umb__count_bits(block.lit[p] & UINT32_MAX);
-            const double above = umb__count_bits(block.lit[p] >> 32);
-            receivers->mean[0][block.lane[p]] = below / UMB__SQUARE_SAMPLES;
-            receivers->mean[1][block.lane[p]] = above / UMB__SQUARE_SAMPLES;
+            const uint32_t lane = block.lane[p];
+            receivers->lit[lane] = block.lit[p];
+            receivers->lit_count[0][lane] = umb__count_bits(block.lit[p] & UINT32_MAX);
+            receivers->lit_count[1][lane] = umb__count_bits(block.lit[p] >> 32);
         }
     }
 }

@@ -6,108 +6,32 @@
 #include <math.h>
 #include <string.h>
 
+#include "query/lamp_bias.h"
 #include "query/slice_count.h"
 #include "query/stages.h"
 
-#define CHUNK      64U /* Points that are sorted by face at a time */
-#define FAR_VOXELS 1e9 /* A place beyond every frustum, and far from the limits of int32_t */
-
-/* Returns row i of the face's transform at p: X, Y, Z or W. */
-static double row(const struct umb_frustum_info *face, unsigned i, const double p[3])
-{
-    return umb__affine(face->world_to_voxel[i], p);
-}
-
-/* Returns the face along whose axis p is farthest; 0 if p lies behind the light for all faces. */
-static uint32_t face_of(const struct umb__query *q, const double p[3], double *w)
-{
-    uint32_t best = 0;
-    *w = row(&q->faces[0], 3, p);
-    for (uint32_t i = 1; i < q->face_count; i++) {
-        double other = row(&q->faces[i], 3, p);
-        if (other > *w) {
-            *w = other;
-            best = i;
-        }
-    }
-    return best;
-}
-
-/*
- * Returns the length in metres of a move along the unit normal n after which the plane of the
- * surface is behind the whole window.
- *
- * In the moved point's slice of depth, which is a plane across the axis, a voxel is exactly W times
- * step[0] or step[1] wide. Along the ray it is (p - position) / W times the slice's thickness, and
- * over all texels of the window the ray leans by half the window's width. The move by s changes W
- * by s times the part of n along the axis: hence the division.
- */
-static double bias_auto(const struct umb__query *q, const struct umb_frustum_info *face,
-                        const double from_light[3], const double n[3], double w)
-{
-    const double *axis = face->world_to_voxel[3];
-    /* A coarse look-up needs two cells, as under parallel light (query.c). */
-    const double steps = q->level > 0 ? umb__coarse_steps(q) : 1;
-    double taps = (double)q->taps * steps;
-    double across = fabs(umb__dot(n, face->voxel_step[0])) + fabs(umb__dot(n, face->voxel_step[1]));
-    double thickness = umb__dot(axis, face->voxel_step[2]) * steps; /* Of a slice or cell, in W */
-    double along = (fabs(umb__dot(n, from_light)) / w + 0.5 * taps * across) * thickness;
-    double growth = 0.5 * taps * across * umb__dot(n, axis);
-    double rest = growth > 0 ? 1.0 - growth : 1.0;
-    return 0.5 * UMB__BIAS_SLACK * (taps * across * w + along) / (rest > 0.25 ? rest : 0.25);
-}
-
-/* Returns the sum of the edges of a face's texels where W = 1. */
-static double texel_edges(const struct umb_frustum_info *face)
-{
-    return umb__length(face->voxel_step[0]) + umb__length(face->voxel_step[1]);
-}
-
-static double mean_edge(const struct umb_frustum_info *face, double w)
-{
-    return (w * texel_edges(face) + umb__length(face->voxel_step[2])) / 3.0;
-}
+#define CHUNK 64U /* Points that are sorted by face at a time */
 
 double umb__perspective_edge_m(const struct umb__query *q, uint32_t face, const double p[3])
 {
-    return mean_edge(&q->faces[face], fabs(row(&q->faces[face], 3, p)));
+    const struct umb_frustum_info *f = &q->faces[face];
+    return (fabs(umb__face_row(f, 3, p)) * umb__texel_edges(f) + umb__length(f->voxel_step[2])) /
+           3.0;
 }
 
 double umb__perspective_texel_m(const struct umb__query *q, const double p[3])
 {
     double w;
-    const struct umb_frustum_info *face = &q->faces[face_of(q, p, &w)];
-    return w * texel_edges(face) / 2.0;
+    const struct umb_frustum_info *face = &q->faces[umb__face_of(q, p, &w)];
+    return w * umb__texel_edges(face) / 2.0;
 }
 
 double umb__perspective_bias(const struct umb__query *q, uint32_t face, const double from_light[3],
                              const double n[3], double w)
 {
-    switch (q->bias_mode) {
-    case UMB_BIAS_AUTO:
-        return bias_auto(q, &q->faces[face], from_light, n, w);
-    case UMB_BIAS_VOXELS:
-        return q->bias_m * mean_edge(&q->faces[face], w);
-    case UMB_BIAS_METRES:
-        return q->bias_m;
-    case UMB_BIAS_NONE:
-        break;
-    }
-    return 0.0;
-}
-
-/* Returns the bias towards the light, for points without a normal. */
-static double bias_to_light(const struct umb__query *q, uint32_t face, double distance, double w)
-{
-    static const double no_normal[3] = {0, 0, 0};
-    if (q->bias_mode != UMB_BIAS_AUTO) {
-        return umb__perspective_bias(q, face, no_normal, no_normal, w);
-    }
-    /* (2 taps + 1) / (2 sqrt(3)) voxels of depth, as for parallel light. */
-    const struct umb_frustum_info *f = &q->faces[face];
-    const double steps = q->level > 0 ? umb__coarse_steps(q) : 1;
-    double thickness = umb__dot(f->world_to_voxel[3], f->voxel_step[2]) * steps;
-    return UMB__BIAS_SLACK * (2.0 * q->taps + 1.0) / (2.0 * sqrt(3.0)) * thickness * distance / w;
+    struct umb__lamp_bias bias;
+    umb__lamp_bias_make(q, &q->faces[face], n, &bias);
+    return umb__lamp_bias_at(&bias, umb__dot(n, from_light), 0, w);
 }
 
 /* Reads the unit normal of point i; false if it has none. */
@@ -124,22 +48,17 @@ static bool unit_normal_of(const struct umb_points *points, size_t i, double n[3
     return true;
 }
 
-static double within(double v, double limit)
-{
-    return v > -limit ? (v < limit ? v : limit) : -limit; /* NaN becomes -limit */
-}
-
 /* Computes the voxel coordinates of the moved point. */
 static void to_voxel(const struct umb__query *q, double w, struct umb__sighting *s)
 {
     const struct umb_frustum_info *face = &q->faces[s->face];
     if (!(w > 0)) {
-        s->voxel[0] = s->voxel[1] = s->voxel[2] = -FAR_VOXELS;
+        s->voxel[0] = s->voxel[1] = s->voxel[2] = -UMB__FAR_VOXELS;
         return;
     }
-    s->voxel[0] = within(row(face, 0, s->moved) / w, FAR_VOXELS);
-    s->voxel[1] = within(row(face, 1, s->moved) / w, FAR_VOXELS);
-    s->voxel[2] = within(row(face, 2, s->moved), FAR_VOXELS);
+    s->voxel[0] = umb__within(umb__face_row(face, 0, s->moved) / w, UMB__FAR_VOXELS);
+    s->voxel[1] = umb__within(umb__face_row(face, 1, s->moved) / w, UMB__FAR_VOXELS);
+    s->voxel[2] = umb__within(umb__face_row(face, 2, s->moved), UMB__FAR_VOXELS);
 }
 
 void umb__perspective_map(const struct umb__query *q, const struct umb_points *points, size_t i,
@@ -160,31 +79,32 @@ void umb__perspective_map(const struct umb__query *q, const struct umb_points *p
     if (s->facing_away) {
         return;
     }
-    s->face = face_of(q, p, &w);
+    s->face = umb__face_of(q, p, &w);
     for (unsigned axis = 0; axis < 3; axis++) {
         direction[axis] = has_normal ? n[axis] : distance > 0 ? -from_light[axis] / distance : 0;
     }
     /* If the move leads into another face, the bias must suffice for that face's voxels, too. */
     for (int pass = 0; pass < 2 && w > 0; pass++) {
-        double bias = has_normal ? umb__perspective_bias(q, s->face, from_light, n, w)
-                                 : bias_to_light(q, s->face, distance, w);
+        struct umb__lamp_bias lengths;
+        umb__lamp_bias_make(q, &q->faces[s->face], has_normal ? n : NULL, &lengths);
+        const double bias = umb__lamp_bias_at(&lengths, umb__dot(n, from_light), distance, w);
         s->bias_m = bias > s->bias_m ? bias : s->bias_m;
         for (unsigned axis = 0; axis < 3; axis++) {
             s->moved[axis] = p[axis] + direction[axis] * s->bias_m;
         }
-        uint32_t face = face_of(q, s->moved, &w);
+        uint32_t face = umb__face_of(q, s->moved, &w);
         if (face == s->face) {
             break;
         }
         s->face = face;
         if (pass == 0) {
-            w = row(&q->faces[face], 3, p);
+            w = umb__face_row(&q->faces[face], 3, p);
         }
     }
     if (s->bias_m == 0) { /* Not moved, or not seen by any face */
         memcpy(s->moved, p, sizeof p);
     }
-    to_voxel(q, row(&q->faces[s->face], 3, s->moved), s);
+    to_voxel(q, umb__face_row(&q->faces[s->face], 3, s->moved), s);
 }
 
 bool umb__look_up_at(const struct umb__query *q, const struct umb_points *points, size_t i,

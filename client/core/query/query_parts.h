@@ -303,6 +303,17 @@ static inline int32_t umb__clip(double v, int32_t half, int32_t size, int32_t *l
     return *high >= *low ? *high - *low + 1 : 0;
 }
 
+/* Counts a voxel-space position in stats if it is outside the frustum. */
+static inline void umb__count_place(const double v[3], uint32_t log2_size,
+                                    struct umb_query_stats *stats)
+{
+    const double size = (double)((uint32_t)1 << log2_size);
+    const bool outside = !(v[0] >= 0 && v[0] < size && v[1] >= 0 && v[1] < size);
+    stats->outside += outside;
+    stats->before += !outside && !(v[2] >= 0);
+    stats->behind += !outside && v[2] >= size;
+}
+
 /* Computes the window of a voxel-space position. Counts the point in stats if it is outside. */
 static inline struct umb__window umb__window_at(const struct umb__query *q, const double v[3],
                                                 struct umb_query_stats *stats)
@@ -310,20 +321,17 @@ static inline struct umb__window umb__window_at(const struct umb__query *q, cons
     struct umb__window w = {0};
     int32_t size = (int32_t)1 << q->log2_size, half = q->taps / 2;
     double s = (double)size;
-    bool outside = !(v[0] >= 0 && v[0] < s && v[1] >= 0 && v[1] < s);
-    stats->outside += outside;
+    umb__count_place(v, q->log2_size, stats);
     /* Also true for NaN, which then covers no texel. */
     if (!(v[0] > -32 && v[0] < s + 32 && v[1] > -32 && v[1] < s + 32)) {
         w.all_lit = true;
         return w;
     }
     if (!(v[2] >= 0)) {
-        stats->before += !outside;
         w.all_lit = true;
         return w;
     }
-    bool behind = v[2] >= s;
-    stats->behind += behind && !outside;
+    const bool behind = v[2] >= s;
     w.z = behind ? size - 1 : (int32_t)v[2];
     int32_t width = umb__clip(v[0], half, size, &w.x0, &w.x1);
     int32_t height = umb__clip(v[1], half, size, &w.y0, &w.y1);

@@ -29,7 +29,10 @@ struct umb__receivers {
     uint64_t has_normal[UMB__RECEIVERS];
     uint64_t window[UMB__RECEIVERS]; /* 1: the window is the answer */
     uint64_t both[UMB__RECEIVERS];   /* 1: the level below is a square, too; 0: the window */
-    double mean[2][UMB__RECEIVERS];  /* Lit share of the squares of the levels below and above */
+    /* Lit samples, a bit each: of the square of the level below in the low half, of the level above
+     * in the high half */
+    uint64_t lit[UMB__RECEIVERS];
+    double lit_count[2][UMB__RECEIVERS]; /* Number of these, below and above */
     /* For a sun: the squares of the levels below and above the footprint, in voxel space. Edges are
      * those of the square above. The square below has the same directions and is half as wide. */
     double centre[2][3][UMB__RECEIVERS];
@@ -40,13 +43,13 @@ struct umb__receivers {
 };
 
 /* Reads the points first .. first + count - 1 and finds their footprints and levels. Out: all
- * fields but `mean` and what follows it. */
+ * fields but `lit` and what follows it. */
 typedef void umb__receivers_fn(const struct umb__query *query, const struct umb_points *points,
                                size_t first, uint32_t count, struct umb__receivers *receivers);
 
-/* Answers the squares of receivers of parallel light. Receivers whose `window` is 1 have none, and
- * those whose `both` is 0 have no square below. A sample outside the frustum is answered as a point
- * is. Out: mean; the squares in voxel space. */
+/* Answers the squares of receivers for opaque casters. Receivers whose `window` is 1 have none, and
+ * those whose `both` is 0 have no square below. A sample outside the frusta is answered as a point
+ * is. Out: lit, lit_count; for a sun the squares in voxel space. */
 typedef void umb__squares_fn(const struct umb__query *query, struct umb__receivers *receivers,
                              struct umb_query_stats *stats);
 

@@ -89,6 +89,19 @@ int32_t umb__transmittance_texel(const struct umb_asset *asset, const struct umb
 double umb__transmittance_at(const struct umb__query *query, const struct umb_points *points,
                              size_t i);
 
+/* Makes the query that moves points as the boxes of translucent casters need it. */
+void umb__transmittance_widen(const struct umb__query *query, struct umb__query *wide);
+
+/* Does what umb__transmittance_at does, for a query of umb__transmittance_widen. */
+double umb__transmittance_left(const struct umb__query *wide, const struct umb_points *points,
+                               size_t i);
+
+/* Returns whether translucent casters surely take no light from point i and from points of the same
+ * normal that lie within `reach` voxels of it on x and y. Parallel light only. In: wide: as above.
+ */
+bool umb__transmittance_is_clear_at(const struct umb__query *wide, const struct umb_points *points,
+                                    size_t i, const double reach[2]);
+
 /* Returns whether point i is undefined under the static rule. In: query: one with the stage of the
  * receiver mask. */
 bool umb__receiver_mask_is_undefined(const struct umb__query *query,

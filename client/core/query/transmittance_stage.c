@@ -52,20 +52,18 @@ static uint64_t lost_at(const struct umb__query *wide, const struct umb_points *
     return umb__transmittance_lost(wide->trans, &wide->trans->maps[frustum], n, &window);
 }
 
-/* Makes the query by which points are moved for the boxes of this stage. Boxes consist of voxels,
- * even if look-ups stop at a coarser level. */
-static struct umb__query widen(const struct umb__query *q)
+/* Boxes consist of voxels, even if look-ups stop at a coarser level. */
+void umb__transmittance_widen(const struct umb__query *q, struct umb__query *wide)
 {
-    struct umb__query wide = *q;
-    wide.level = 0;
-    wide.taps = q->transmittance_bias_taps;
-    wide.no_normal_m = q->transmittance_no_normal_m;
+    *wide = *q;
+    wide->level = 0;
+    wide->taps = q->transmittance_bias_taps;
+    wide->no_normal_m = q->transmittance_no_normal_m;
     for (unsigned axis = 0; axis < 3 && q->level > 0 && q->bias_mode == UMB_BIAS_AUTO; axis++) {
         for (unsigned k = 0; k < 3; k++) {
-            wide.voxel_step[axis][k] /= umb__coarse_steps(q);
+            wide->voxel_step[axis][k] /= umb__coarse_steps(q);
         }
     }
-    return wide;
 }
 
 static double share_left(uint64_t lost, uint64_t all)
@@ -73,12 +71,43 @@ static double share_left(uint64_t lost, uint64_t all)
     return (double)(all - lost) / (double)all; /* both below 2^53 */
 }
 
+double umb__transmittance_left(const struct umb__query *wide, const struct umb_points *points,
+                               size_t i)
+{
+    uint64_t all;
+    const uint64_t lost = lost_at(wide, points, i, &all);
+    return share_left(lost, all);
+}
+
+bool umb__transmittance_is_clear_at(const struct umb__query *wide, const struct umb_points *points,
+                                    size_t i, const double reach[2])
+{
+    const struct umb__transmittance_map *map = &wide->trans->maps[wide->frustum];
+    const double size = (double)((uint32_t)1 << wide->log2_size);
+    struct umb__transmittance_window window = {0};
+    double v[3];
+    if (!umb__voxel_at(wide, points, i, v) || map->level == 0) {
+        return true;
+    }
+    const double more[2] = {reach[0] + wide->transmittance_taps / 2 + 1,
+                            reach[1] + wide->transmittance_taps / 2 + 1};
+    for (unsigned axis = 0; axis < 2; axis++) {
+        if (!(v[axis] + more[axis] >= 0 && v[axis] - more[axis] < size)) {
+            return v[axis] == v[axis]; /* NaN proves nothing */
+        }
+    }
+    window.x0 = v[0] > more[0] ? (uint32_t)(v[0] - more[0]) : 0;
+    window.y0 = v[1] > more[1] ? (uint32_t)(v[1] - more[1]) : 0;
+    window.x1 = (uint32_t)fmin(v[0] + more[0], size - 1);
+    window.y1 = (uint32_t)fmin(v[1] + more[1], size - 1);
+    return umb__transmittance_is_clear(wide->trans, map, wide->log2_size, &window);
+}
+
 double umb__transmittance_at(const struct umb__query *q, const struct umb_points *points, size_t i)
 {
-    const struct umb__query wide = widen(q);
-    uint64_t all;
-    const uint64_t lost = lost_at(&wide, points, i, &all);
-    return share_left(lost, all);
+    struct umb__query wide;
+    umb__transmittance_widen(q, &wide);
+    return umb__transmittance_left(&wide, points, i);
 }
 
 static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
@@ -111,7 +140,8 @@ static void run_chunk(const struct umb__query *q, const struct umb__query *wide,
 static void transmittance_run(const struct umb__query *q, const struct umb_points *points,
                               size_t first, size_t count, struct umb_answers *answers)
 {
-    const struct umb__query wide = widen(q);
+    struct umb__query wide;
+    umb__transmittance_widen(q, &wide);
     for (size_t end = first + count; first < end;) {
         const size_t n = end - first < CHUNK ? end - first : CHUNK;
         run_chunk(q, &wide, points, first, n, answers);

@@ -7,7 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "query/kernels.h"
+#include "footprint_kernels.h"
 #include "umbrage/query.h"
 #include "volume_fixture.h"
 
@@ -278,26 +278,6 @@ static void runs_of_any_length_give_the_same_bits(void **state)
     volume_fixture_close(&f);
 }
 
-/* The kernels that this processor can run, the simplest first. */
-static size_t list_kernels(struct umb__kernels kernels[3])
-{
-    size_t count = 0;
-    kernels[count++] =
-        (struct umb__kernels){.receivers = umb__receivers_base, .squares = umb__squares_base};
-#if defined(__x86_64__)
-    const struct umb__kernels *here = umb__kernels_here();
-    if (here->squares != umb__squares_base) {
-        kernels[count++] =
-            (struct umb__kernels){.receivers = umb__receivers_avx2, .squares = umb__squares_avx2};
-    }
-    if (here->squares == umb__squares_avx512) {
-        kernels[count++] = (struct umb__kernels){.receivers = umb__receivers_avx512,
-                                                 .squares = umb__squares_avx512};
-    }
-#endif
-    return count;
-}
-
 /* Computes answers with every kernel; the counts must be the same, too. */
 static void compare_kernels(const struct volume_fixture *f,
                             const struct umb_query_settings *settings,
@@ -310,10 +290,7 @@ static void compare_kernels(const struct volume_fixture *f,
         struct umb_query query;
         struct umb_answers answers = {.values = values[k]};
         assert_int_equal(umb_query_prepare(f->asset, settings, &query, NULL), UMB_OK);
-        struct umb__query q;
-        memcpy(&q, query.opaque, sizeof q);
-        q.kernels = &kernels[k];
-        memcpy(query.opaque, &q, sizeof q);
+        use_kernels(&query, &kernels[k]);
         umb_query_run(&query, points, 0, points->count, &answers);
         first = k == 0 ? answers.stats : first;
         assert_memory_equal(values[k], values[0], sizeof values[0]);
