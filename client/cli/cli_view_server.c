@@ -21,9 +21,10 @@
 
 #define CONNECTIONS_MAX 32
 #define HEAD_S          10.0
-#define SEND_S          30.0
-#define SEND_RATE       (16.0 * 1024) /* Least bytes a second, beside SEND_S */
-#define ROOM_S          1.0           /* Time for a connection that gives up its place */
+#define SEND_S          10.0
+#define SEND_RATE       (64.0 * 1024) /* Least bytes a second, beside SEND_S */
+#define SEND_BUFFER     (128 << 10)
+#define ROOM_S          1.0 /* Time for a connection that gives up its place */
 #define LINGER_S        1.0
 #define LINGER_BYTES    ((size_t)64 << 10)
 #define PIECE_BYTES     ((size_t)256 << 10)
@@ -330,7 +331,12 @@ static size_t receive_head(struct connection *connection, int *refusal)
  * peer could lose the refusal. */
 static void linger(struct connection *connection)
 {
+    static const struct linger reset = {.l_onoff = 1};
     const double stop_s = umbu_clock_s() + LINGER_S;
+    if (umbu_clock_s() > connection->stop_s) { /* The kernel shall not go on with a slow peer */
+        (void)setsockopt(connection->socket, SOL_SOCKET, SO_LINGER, &reset, sizeof reset);
+        return;
+    }
     size_t discarded = 0;
     (void)shutdown(connection->socket, SHUT_WR);
     while (discarded < LINGER_BYTES && wait_for(connection->socket, POLLIN, stop_s)) {
@@ -443,6 +449,7 @@ static bool take_place(struct server *server, struct connection *connection)
 /* Starts a thread for a connection, or closes it. */
 static void start(struct server *server, int socket)
 {
+    const int buffer = SEND_BUFFER; /* A slow peer holds little of the kernel's memory */
     pthread_t thread;
     struct connection *connection = calloc(1, sizeof *connection);
     uint8_t *piece = malloc(PIECE_BYTES);
@@ -458,6 +465,7 @@ static void start(struct server *server, int socket)
         (void)close(socket);
         return;
     }
+    (void)setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &buffer, sizeof buffer);
     if (pthread_create(&thread, NULL, run_connection, connection) != 0) {
         close_connection(connection);
         return;

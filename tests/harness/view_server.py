@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """`umbrage view` as a process: its address, and its end."""
 import subprocess
+import urllib.parse
 
 import umbrage_test as ut
 
 
 class View:
-    """Serves until it is closed. program: of another folder than the build's."""
+    """Serves until it is closed. program: of another folder than the build's. key: the random part of its paths."""
 
     def __init__(self, *words, program=None, env=None):
         self.process = subprocess.Popen([program or ut.program("umbrage"), "view", *[str(word) for word in words]],
@@ -14,7 +15,8 @@ class View:
         self.address = self.process.stdout.readline().decode().strip()
         if not self.address:
             raise AssertionError(f"umbrage view {words}: {self.process.stderr.read().decode()}")
-        self.port = int(self.address.rstrip("/").rpartition(":")[2])
+        parts = urllib.parse.urlsplit(self.address)
+        self.port, self.key = parts.port, parts.path.strip("/")
 
     def close(self):
         self.process.terminate()
