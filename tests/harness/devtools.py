@@ -44,9 +44,11 @@ class Page:
                 raise AssertionError(f"{code}: not within {seconds} s; {self.troubles}")
             time.sleep(0.1)
 
-    def press(self, key, code):
+    def press(self, key, code, number=0, shift=False):
+        """number: Windows' number of a key whose default the browser handles, such as 9 for Tab."""
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code)
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code, windowsVirtualKeyCode=number,
+                      modifiers=8 if shift else 0)
 
     def click(self, x, y):
         for kind in ("mousePressed", "mouseReleased"):

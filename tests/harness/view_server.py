@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`umbrage view` as a process: its address, and its end."""
+"""`umbrage view` as a process: its address, and its end; and what its page shows."""
+import array
+import base64
+import json
+import os
 import subprocess
 import urllib.parse
 
@@ -23,3 +27,19 @@ class View:
         said = self.process.communicate(timeout=20)[1]
         assert not ut.SANITIZER.search(said), said.decode(errors="replace")
         return said.decode()
+
+
+class Sides:
+    """Pixels of the page's picture that show a surface. points: six floats each, place and normal; shares: two floats each,
+    of light by the asset and by cascades (0 if the picture is not split)."""
+
+    def __init__(self, read):
+        self.width, self.height = read["width"], read["height"]
+        self.points, self.shares = (array.array("f", base64.b64decode(read[name])) for name in ("points", "shares"))
+
+
+def read_sides(page, **settings):
+    """settings: of the cascades."""
+    with open(os.path.join(ut.ROOT, "tests", "web", "read_sides.js"), encoding="utf-8") as file:
+        code = file.read()
+    return Sides(page.evaluate(f"{code[code.index('(async'):].rstrip()}({json.dumps(settings)})"))

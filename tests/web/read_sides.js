@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests/bench/view_edges.py, run in the viewer's page: what both sides of the split picture say of each pixel.
+// Run in the viewer's page: what its sides say of each pixel. settings: of the cascades, if the picture is split.
 (async (settings) => {
   const THREE = await import(new URL("three/build/three.module.js", location).href);
   const { renderer, scene, camera, shadows, cascades } = umbrageViewer.parts, { width, height } = renderer.domElement;
@@ -21,11 +21,14 @@
     return read(scene);
   });
   shadows.set({ overlay: "none" });
-  Object.assign(cascades.settings, settings);
-  cascades.update(camera);
-  cascades.bare = true;
-  const theirs = read(cascades.scene);
-  cascades.bare = false;
+  let theirs = new Float32Array(ours.length);
+  if (cascades) {
+    Object.assign(cascades.settings, settings);
+    cascades.update(camera);
+    cascades.bare = true;
+    theirs = read(cascades.scene);
+    cascades.bare = false;
+  }
   target.dispose();
   const seen = [];
   for (let i = 0; i < width * height; i++) {
@@ -46,5 +49,5 @@
     }
     return btoa(parts.join(""));
   };
-  return { width, height, points: text(points), shares: text(shares), pixels: text(Int32Array.from(seen)) };
+  return { width, height, points: text(points), shares: text(shares) };
 })

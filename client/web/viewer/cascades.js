@@ -82,9 +82,13 @@ export class Cascades {
     renderer.shadowMap.type = THREE.PCFSoftShadowMap;
   }
 
+  /** Bytes of the maps on the GPU. */
+  get bytes() {
+    return CASCADES * TEXELS * TEXELS * TEXEL_BYTES;
+  }
+
   get text() {
-    const bytes = CASCADES * TEXELS * TEXELS * TEXEL_BYTES;
-    return `cascades: ${(bytes / 1e6).toFixed(1)} MB, ${CASCADES} maps of ${TEXELS} x ${TEXELS}`;
+    return `cascades: ${(this.bytes / 1e6).toFixed(1)} MB, ${CASCADES} maps of ${TEXELS} x ${TEXELS}`;
   }
 
   /** True: the next pictures have shares of light in place of colours. */

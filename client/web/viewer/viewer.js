@@ -381,6 +381,11 @@ class Viewer {
     return this.#asset;
   }
 
+  /** Draws again, with counts. */
+  draw() {
+    this.#changed = this.#dirty = true;
+  }
+
   /** For tests that read pictures back. */
   get parts() {
     return { renderer: this.#renderer, scene: this.#scene, camera: this.#camera, shadows: this.#shadows, cascades: this.#cascades };
