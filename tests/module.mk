@@ -199,7 +199,9 @@ $(BUILD)/ray_shares: $(BUILD)/tests/bench/ray_shares.o $(TEST_LIBS_study)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
 view-edges: web $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/ray_shares ## edges of the viewer's shadows and of cascades by three.js against rays: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/view_edges.py
-.PHONY: bias-table picture-table view-edges
+view-waits: web $(PROGRAMS) $(BUILD)/scenegen ## how long a browser waits for a street over 20 Mbit/s and 100 ms, and twenty reloads: a minute
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/view_waits.py
+.PHONY: bias-table picture-table view-edges view-waits
 
 # Packages: root and debootstrap; the release is made twice, without a cache of compilers.
 test-deb: deb ## Debian packages in a bare root: first answer, purge, upgrade, downgrade (root, debootstrap)

@@ -70,7 +70,7 @@ web-if-here:
 	@if why=$$(sh client/web/tools.sh "$(WEB_CC)"); then $(MAKE) --no-print-directory web; else echo "skipped web: $$why"; fi
 test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/gpu_voxels ## the package in node and in headless Chromium, where they are installed
 	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py \
-		tests/system/test_view.py tests/system/test_view_browser.py && \
+		tests/system/test_view.py tests/system/test_view_browser.py tests/system/test_view_scenes.py && \
 	BUILD=$(BUILD) UMBRAGE_PIXELS=921600 $(RUN) tests/system/test_gpu_browser.py
 .PHONY: web web-if-here test-web
 

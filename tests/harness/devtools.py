@@ -22,6 +22,7 @@ import web_browser
 class Page:
     def __init__(self, chromium, session):
         self.chromium, self.session, self.troubles, self.requests = chromium, session, [], []
+        self.fetched = []  # Addresses of which a byte came from a server, not from a cache
 
     def call(self, method, **words):
         return self.chromium.call(method, self.session, **words)
@@ -76,6 +77,8 @@ class Page:
             self.troubles.append(f"{words['entry']['text']} {words['entry'].get('url', '')}")
         elif method == "Network.requestWillBeSent":
             self.requests.append(words["request"]["url"])
+        elif method == "Network.responseReceived" and not words["response"].get("fromDiskCache"):
+            self.fetched.append(words["response"]["url"])
 
 
 class Chromium:

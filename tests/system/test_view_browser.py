@@ -100,10 +100,19 @@ with devtools.Chromium(test.path("profile")) as chromium:
         with test.check("axe finds nothing"):
             page_access.check_axe(page, source)
     page.press("c", "KeyC")
+    with test.check("a reload takes the asset's pages from the browser's cache"):
+        before, already = len(page.requests), len(page.fetched)
+        page.call("Page.reload")
+        page.wait("globalThis.umbrageViewer?.state.frames > 0", WAIT_S)
+        page.wait(EXACT, WAIT_S)
+        asked = [url for url in page.requests[before:] if f"asset-{ID}" in url]
+        again = [url for url in page.fetched[already:] if f"asset-{ID}" in url]
+        assert asked and not again, (asked, again)
     with test.check("every request went to its own server, and nothing complained"):
         assert all(url.startswith((view.address, "blob:", "data:")) for url in page.requests), page.requests
         assert page.troubles == [], page.troubles
     with test.check("the example: shadows of the asset beside a shadow map of three.js"):
+        page.call("Page.setBypassCSP", enabled=True)  # It has a script of its own, which the viewer's server does not allow
         page.open(f"{view.address}three.html?asset=asset-{ID}.umb&scene=scene/{os.path.basename(scene)}")
         page.wait("globalThis.frames_drawn > 1", WAIT_S)
         page.wait("/^\\d+ kB fetched$/.test(document.getElementById('figures').textContent)", WAIT_S)
