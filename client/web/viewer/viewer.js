@@ -53,7 +53,7 @@ class Viewer {
   async start() {
     const config = await (await fetch("config.json")).json(), up = config.up === "z" ? 2 : 1;
     document.title = byId("name").textContent = config.name;
-    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id });
+    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id, apart: true });
     this.#root = await loadScene(config, this.#asset.info, up);
     const context = this.#canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
     if (!context) {
