@@ -163,8 +163,8 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
     return status;
 }
 
-/* Returns the last part of a path or an address. What follows ? or # may be a secret, and so is what
- * stands before an @ in an address. */
+/* Returns the last part of a path or an address. What follows ? or # may be a secret, and so may
+ * what stands before an @ in an address. */
 static const char *name_of(const char *target, size_t *length)
 {
     const bool is_address = strstr(target, "://") != NULL;

@@ -8,8 +8,8 @@
  * under a name of its own (DNS rebinding). Heads are parsed as the daemon parses them
  * (net/http1_request.h).
  *
- * Bounds: 32 connections, 8 KiB a head, 10 s from the begin of a head to its end. A reply takes 10 s
- * and a second for each 64 KiB at most. If all connections are taken, a new one replaces the one
+ * Bounds: 32 connections, 8 KiB a head, 10 s from the begin of a head to its end. A reply takes at
+ * most 10 s and a second for each 64 KiB. If all connections are taken, a new one replaces the one
  * that has waited longest for a request; without such a one it is closed.
  */
 #include "cli_view_site.h"
