@@ -90,12 +90,12 @@ SUN, FLAT = ("--sun", "135,50"), "#eye=5,6,7&target=0,0.5,0&fov=45"
 BEHIND = "#eye=-30,30,25&target=0,0,2&fov=50"
 # Scene, up axis, options of the bake, the view, filter, taps.
 CASES = [
-    ("houses.obj", "z", SUN, BEHIND, "tent", 9),
-    ("houses.ply", "z", SUN, BEHIND, "gaussian", 9),
+    ("houses.obj", "z", SUN, BEHIND, "tent", 5),
+    ("houses.ply", "z", SUN, BEHIND, "gaussian", 5),
     ("plate.stl", "z", SUN, "#eye=5,-7,6&target=0,0,0.5&fov=45", "box", 1),
     ("leaf.gltf", "y", ("--sun", "135,60"), FLAT, "box", 5),
     ("leaf.gltf", "y", ("--sun", "135,60", "--light-size", "4deg", "--effect", "penumbra=on"), FLAT, "penumbra", 1),
-    ("hall.glb", "y", ("--point", "3,3,2"), "", "box", 9),
+    ("hall.glb", "y", ("--point", "3,3,2"), "", "box", 3),
 ]
 
 
@@ -114,7 +114,7 @@ def check(chromium, number, case):
     name, up, options, place, filter_name, taps = case
     path, asset = scene(name), test.path(f"{number}.umb")
     test.bake(path, asset, "--resolution", 512, "--up", up, "--verify", 0, *options)
-    view, page = view_server.View(asset, "--scene", path, "--up", up), chromium.page(260, 320)
+    view, page = view_server.View(asset, "--scene", path, "--up", up), chromium.page(220, 280)
     page.open(f"{view.address}{place or '#'}&filter={filter_name}&taps={taps}")
     page.wait("globalThis.umbrageViewer?.state.frames > 0 || globalThis.umbrageViewer?.state.error", WAIT_S)
     page.wait(f"umbrageViewer.parts.shadows.settings.filter === '{filter_name}' && {EXACT}", WAIT_S)
