@@ -26,7 +26,9 @@ MB, ALL = 1_000_000, 1 << 40
 VIEWS = [("street", "#eye=1,1.7,1&target=100,1.7,9&fov=60", [(16384, 9, MB), (65536, 9, MB), (131072, 9, ALL), (131072, 3, MB)]),
          ("overview", "#eye=-700,500,-600&target=0,0,0&fov=40", [(2048, 1, MB), (4096, 1, MB), (4096, 1, ALL), (16384, 1, ALL)])]
 # Splits of the cascades: those of three's add-on, and logarithmic ones, which favour what is near.
-SETTINGS = {"cascades": {"practical": 0.5}, "cascades, logarithmic": {"practical": 1.0}}
+# A bias of one texel leaves stripes where light is flat, and two, which the viewer has, more false light.
+SETTINGS = {"cascades": {"practical": 0.5, "bias_texels": 1}, "cascades, logarithmic": {"practical": 1.0, "bias_texels": 1},
+            "cascades, two texels": {"practical": 0.5, "bias_texels": 2}}
 # Answers of the package in node with at most so many bytes: float32 shares of points.
 ANSWER = """
     const [, folder, asset, most, taps] = process.argv;

@@ -6,7 +6,7 @@ import * as THREE from "./three/build/three.module.js";
 const CASCADES = 4, TEXELS = 2048; // Each map has TEXELS x TEXELS
 const TEXEL_BYTES = 4; // three packs a depth into RGBA
 const PRACTICAL = 0.5; // Splits between even ones (0) and logarithmic ones (1), as in three's add-on CSM
-const BIAS_TEXELS = 1; // Depth by which receivers move to the light
+const BIAS_TEXELS = 2; // Depth by which receivers move to the light; less leaves stripes
 
 const declarations = `
 uniform float cascade_ends[${CASCADES}]; // View depths in metres
