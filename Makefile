@@ -12,8 +12,13 @@
 config ?= release
 BUILD  ?= build/$(config)
 # BUILD always becomes the same relative path, however it is given. The dependency files (*.d, which
-# headers an object includes) name an object by the path under which it was compiled.
-override BUILD := $(patsubst $(CURDIR)/%,%,$(abspath $(BUILD)))
+# headers an object includes) name an object by the path under which it was compiled. The path of the
+# tree may have spaces, so it never passes through a function that splits words.
+BUILD_HERE := $(subst $(CURDIR)/,,$(BUILD))
+ifneq ($(words $(BUILD_HERE)),1)
+$(error BUILD: '$(BUILD)' has spaces, at which make splits names; give a folder without)
+endif
+override BUILD := $(if $(filter /% ../%,$(BUILD_HERE)),$(abspath $(BUILD_HERE)),$(patsubst /%,%,$(abspath /$(BUILD_HERE))))
 ifeq ($(origin CC),default)
 CC := gcc
 endif
@@ -28,10 +33,16 @@ DESTDIR ?=
 Q := $(if $(V),,@)
 say = $(if $(V),,@echo "  $(1) $(2)")
 
-# The version comes from the header umbrage/version.h. SONAME is the number at the end of the shared
-# libraries' names.
-VERSION := $(shell awk '/^.define UMB_VERSION_(MAJOR|MINOR|PATCH) / { v = v dot $$3; dot = "." } END { print v }' \
+# The version comes from the header umbrage/version.h; `make version VERSION=1.2.3` sets it. SONAME is
+# the number at the end of the shared libraries' names.
+HEADER_VERSION := $(shell awk '/^.define UMB_VERSION_(MAJOR|MINOR|PATCH) / { v = v dot $$3; dot = "." } END { print v }' \
 	client/include/umbrage/version.h)
+VERSION := $(HEADER_VERSION)
+ifneq ($(VERSION),$(HEADER_VERSION))
+ifneq ($(MAKECMDGOALS),version)
+$(error VERSION: $(VERSION) is not $(HEADER_VERSION), that of umbrage/version.h; run make version VERSION=$(VERSION) first)
+endif
+endif
 SONAME := 1
 CORES := $(shell nproc)
 
@@ -60,7 +71,7 @@ endif
 warn ?= yes
 WARN := $(if $(warn),-Wall -Wextra -Wshadow -Wconversion -Wstrict-prototypes -Wmissing-prototypes -Wvla,-w)
 # Releases name no path of the machine that built them.
-PLACE := $(if $(filter release,$(config)),-ffile-prefix-map=$(CURDIR)=.)
+PLACE := $(if $(filter release,$(config)),'-ffile-prefix-map=$(CURDIR)=.')
 CFLAGS_ALL := -std=c11 -g $(PLACE) $(opt_$(config)) $(HARDEN_CFLAGS) $(WARN) $(if $(werror),-Werror) \
 	-fvisibility=hidden -ffp-contract=off -fPIC -pthread \
 	-D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -MMD -MP $(CFLAGS)

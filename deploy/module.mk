@@ -124,9 +124,13 @@ deb: dist ## Debian packages of the last commit, in BUILD/deb (debhelper, dh-pyt
 sbom: dist $(PROGRAMS) $(SHARED_LIBS) ## bill of materials (SPDX 2.3) of programs and libraries, in BUILD/dist
 	$(Q)/usr/bin/python3 deploy/sbom.py $(VERSION) $(BUILD)/dist/$(NAMED).tar.gz $(BUILD)/dist/$(NAMED).spdx.json $(PROGRAMS) $(SHARED_LIBS)
 
+version: ## set the version of the tree (VERSION=1.2.3 DATE=2026-01-31), see docs/CONTRIBUTING.md
+	@deploy/version.py "$(if $(filter command,$(origin VERSION)),$(VERSION))" $(DATE)
+
 # The wheel is of the objects of the packages, the bill of materials of the programs and libraries in them.
 DEB_TREE = $(BUILD)/deb/$(NAMED)
 release: ## everything of a release in BUILD/dist: source archive, packages, wheel, bill of materials, SHA256SUMS
+	@git diff --quiet HEAD || { echo "release: files differ from the last commit, which a release is made of; commit them" >&2; exit 1; }
 	$(Q)rm -rf $(BUILD)/dist
 	@$(MAKE) --no-print-directory deb
 	$(Q)export SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) && \
@@ -135,7 +139,10 @@ release: ## everything of a release in BUILD/dist: source archive, packages, whe
 		/usr/bin/python3 deploy/sbom.py $(VERSION) $(BUILD)/dist/$(NAMED).tar.gz $(BUILD)/dist/$(NAMED).spdx.json \
 			$(DEB_TREE)/debian/umbrage*/usr/bin/* $(DEB_TREE)/debian/libumbrage1/usr/lib/*/*.so.$(SONAME)
 	$(Q)cd $(BUILD)/dist && LC_ALL=C && export LC_ALL && sha256sum -- *.* >SHA256SUMS && cat SHA256SUMS
+	@if grep -q '^## $(VERSION) (unreleased)' docs/CHANGELOG.md; then echo "a trial: docs/CHANGELOG.md says (unreleased)"; \
+		else test -d tests/compat/$(VERSION) || echo "tests/compat/$(VERSION) is missing: make compat-record"; \
+		echo "the tag: git tag -a v$(VERSION) -m 'umbrage $(VERSION)' $$(git rev-parse --short HEAD)"; fi
 
 FORCE:
 
-.PHONY: sbom release dist deb install-python completions container deps deps-full demo view man install install-docs install-libraries FORCE
+.PHONY: sbom version release dist deb install-python completions container deps deps-full demo view man install install-docs install-libraries FORCE

@@ -203,6 +203,12 @@ view-waits: web $(PROGRAMS) $(BUILD)/scenegen ## how long a browser waits for a 
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/view_waits.py
 .PHONY: bias-table picture-table view-edges view-waits
 
+# What this version promises to later ones: once for each release.
+COMPAT ?= tests/compat/$(VERSION)
+compat-record: $(PROGRAMS) python ## record files, ids, answers, messages and interfaces for later versions in tests/compat/VERSION (COMPAT=DIR)
+	@BUILD=$(BUILD) /usr/bin/python3 tests/compat/compat.py record "$(COMPAT)"
+.PHONY: compat-record
+
 # Packages: root and debootstrap; the release is made twice, without a cache of compilers.
 test-deb: deb ## Debian packages in a bare root: first answer, purge, upgrade, downgrade (root, debootstrap)
 	@BUILD=$(BUILD) sh tests/packaging/test_deb.sh

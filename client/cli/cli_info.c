@@ -26,9 +26,9 @@ static const struct umbu_option OPTIONS[] = {
 static const struct umbu_command COMMAND = {
     .name = "umbrage info",
     .usage = "umbrage info FILE|ASSET [options]",
-    .summary = "Describes an asset. An argument that is an existing file, has a '/' or ends in\n"
-               ".umb or .umbm is a file; anything else is an asset of the daemon. A file may be\n"
-               "a partial file of `umbrage stream -o`.",
+    .summary = "Describes an asset. An argument that is an existing file, a path as ./NAME or\n"
+               "/DIR/NAME, or ends in .umb or .umbm is a file; NAME and FOLDER/NAME are assets of\n"
+               "the daemon. A file may be a partial file of `umbrage stream -o`.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_settings, session)},
 };
 

@@ -551,6 +551,11 @@ static void print_summary(const struct umbc_query_total *total)
                   total->points, total->seconds, (double)total->points / seconds,
                   total->stats.outside, total->stats.before, total->stats.behind,
                   total->stats.facing_away);
+    if (total->points > 0 && total->stats.outside == total->points * total->light_count) {
+        (void)fprintf(stderr,
+                      "warning: all points lie outside the asset's bounds (`umbrage info`): "
+                      "are their units and --origin right?\n");
+    }
     if (total->stats.undefined > 0) {
         (void)fprintf(stderr,
                       "%" PRIu64 " points undefined: too far from any surface of an asset baked "

@@ -126,10 +126,11 @@ const struct umbu_command umbc_query_command = {
     .usage = "umbrage query FILE|ASSET --points FILE|- [options]\n"
              "       umbrage query FILE|ASSET --segments|--columns|--boxes FILE|- [options]",
     .summary = "Prints the share of a light that reaches each point: one answer a line, from 0\n"
-               "(shadowed) to 1 (lit), in the order of the points. An existing file, a name with\n"
-               "'/' or one ending in .umb or .umbm is answered here; anything else is an asset\n"
-               "of the daemon, with the same bits. Text points are lines `x y z` or\n"
-               "`x y z nx ny nz`; '#' starts a comment. Segments, columns and boxes are answered\n"
+               "(shadowed) to 1 (lit), in the order of the points. An existing file, a path\n"
+               "as ./NAME or /DIR/NAME, or one ending in .umb or .umbm is answered here; NAME and\n"
+               "FOLDER/NAME are assets of the daemon, with the same bits. Text points are lines\n"
+               "`x y z` or `x y z nx ny nz`; '#' starts a comment. Segments, columns and boxes are "
+               "answered\n"
                "exactly, voxel by voxel, for opaque casters alone: translucent ones do not\n"
                "count, and a note says so where there are any.",
     .sections = {{"options", UMBU_ROWS(OPTIONS)}, UMBU_SESSION(struct umbc_query_options, session)},

@@ -124,7 +124,9 @@ static void lose_session(struct umb__connection *connection, const char *what)
     struct umb_error error;
     const char *address = connection->endpoint->text;
     if (connection->http1) {
-        (void)umb_fail(&error, UMB_E_PROTOCOL, "%.180s: the server speaks HTTP/1, not HTTP/2",
+        (void)umb_fail(&error, UMB_E_PROTOCOL,
+                       "%.180s: the server speaks HTTP/1, not HTTP/2; is this the address of "
+                       "umbraged's --listen?",
                        address);
     } else if (connection->detail[0] != '\0') {
         (void)umb_fail(&error, UMB_E_PROTOCOL, "%.120s: %s (%s)", address, what,
@@ -460,7 +462,8 @@ static void on_socket_retired(uv_handle_t *handle)
 static void connect_failed(struct umb__connection *connection, int code)
 {
     char text[96];
-    (void)umb_fail(&connection->last_error, UMB_E_UNAVAILABLE, "%.180s: cannot connect: %s",
+    (void)umb_fail(&connection->last_error, UMB_E_UNAVAILABLE,
+                   "%.180s: cannot connect: %s; is umbraged listening there?",
                    connection->endpoint->text, uv_text(code, text));
     if (connection->next_address == NULL) {
         struct umb_error error = connection->last_error;

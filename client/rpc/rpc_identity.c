@@ -77,8 +77,11 @@ static enum umb_status make_bearer(const char *token, char **bearer, struct umb_
     size_t length = strlen(token);
     for (size_t i = 0; i < length; i++) {
         if (token[i] <= ' ' || token[i] > '~') {
-            return umb_fail(error, UMB_E_ARGUMENT,
-                            "token: character %zu is a blank or no printable ASCII", i + 1);
+            return umb_fail(
+                error, UMB_E_ARGUMENT,
+                "token: character %zu is a blank or no printable ASCII; a client gets the "
+                "token alone, not a line of the daemon's file",
+                i + 1);
         }
     }
     if (length == 0 || length > TOKEN_MAX) {

@@ -60,17 +60,18 @@ def timed(call):
 
 
 def race(ours, theirs):
-    """Medians of ROUNDS turns: our seconds by the clock and of processors, then theirs."""
+    """ROUNDS turns: our seconds by the clock and of processors, then theirs."""
     ours(), theirs()
-    turns = [(*timed(ours), *theirs()) for _ in range(ROUNDS)]
-    return [statistics.median(column) for column in zip(*turns)]
+    return [(*timed(ours), *theirs()) for _ in range(ROUNDS)]
 
 
-def show(row, value, count, scale, times, **more):
-    """Prints a row: `value` and its times, each for one of `count` items, with those by the clock behind."""
-    wall, busy, peer_wall, peer_busy = (round(seconds * 1e9 / count / scale, 2) for seconds in times)
-    print(json.dumps({"row": row, "value": value(times[1], times[3]), "value_by_clock": value(times[0], times[2]),
-                      "python": busy, "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
+def show(row, value, count, scale, turns, **more):
+    """Prints a row: the median of `value` over the turns, and median times of one of `count` items. A turn's two runs
+    meet the same load, so a ratio of a turn wanders less than a ratio of medians."""
+    wall, busy, peer_wall, peer_busy = (round(statistics.median(column) * 1e9 / count / scale, 2) for column in zip(*turns))
+    print(json.dumps({"row": row, "value": statistics.median(value(one[1], one[3]) for one in turns),
+                      "value_by_clock": statistics.median(value(one[0], one[2]) for one in turns), "python": busy,
+                      "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
 
 
 # Values are of processors' time: on a busy machine the clock counts other programs, and threads wait for each other.

@@ -3,14 +3,15 @@
 """
 What a released version promised to later ones, as a folder of files, and the comparison of a build with it.
 
-    compat.py record FOLDER   writes the folder of this build: once, at the release, as tests/compat/1.0.0
+    compat.py record FOLDER   writes the folder of this build and checks it: `make compat-record`, once, at the release
     compat.py check FOLDER    prints what this build does otherwise, one finding a line
 
     scene.obj, assets/*.umb   a scene, and its bakes with the options of BAKES
     ids.json                  the bakes' options and ids
     answers/*.f32             answers to points.f32 with the settings of QUERIES
     messages/*.request|reply  bytes of calls over gRPC; proto/ has the .proto files by which they are read
-    options.tsv, metrics.txt  options of the programs, and names of metrics with their types
+    options.tsv, metrics.txt  options of the programs, and names of metrics with their types and labels
+    json.txt, python.txt      keys that --json prints, names and parameters of the Python module
     abi.txt                   functions, structs and enums of the C libraries (tests/abi/record.txt)
 """
 import json
@@ -23,6 +24,7 @@ import sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "harness"))
+import interfaces  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 COMMON = ("--resolution", "256", "--verify", "0", "--up", "z", "--closed", "off", "--quiet", "--json")
@@ -81,9 +83,10 @@ def options_now():
     return sorted({" ".join((row[0], row[1], row[4])) for row in rows})
 
 
-def metrics_now(daemon):
-    """Lines "name type" of the metrics that are served."""
-    return sorted(re.findall(r"^# TYPE (\S+ \S+)$", daemon.admin("/metrics")[1], re.MULTILINE))
+def lists_now(folder, test, daemon):
+    """{file: lines}: what scripts hold on to, each line of which stays."""
+    return {"options.tsv": options_now(), "metrics.txt": interfaces.metrics_now(daemon),
+            "json.txt": interfaces.json_now(test, folder, daemon), "python.txt": interfaces.python_now()}
 
 
 def ask(test, daemon, requests):
@@ -123,8 +126,8 @@ def record(folder, test):
         write(requests[name][1], folder, "messages", name + ".request")
         write(reply, folder, "messages", name + ".reply")
     shutil.copytree(os.path.join(ut.ROOT, "proto", "umbrage"), os.path.join(folder, "proto", "umbrage"))
-    write("\n".join(options_now()) + "\n", folder, "options.tsv")
-    write("\n".join(metrics_now(daemon)) + "\n", folder, "metrics.txt")
+    for name, lines in lists_now(folder, test, daemon).items():
+        write("\n".join(lines) + "\n", folder, name)
     shutil.copy(os.path.join(ut.ROOT, "tests", "abi", "record.txt"), os.path.join(folder, "abi.txt"))
     daemon.stop()
 
@@ -148,6 +151,10 @@ def file_problems(folder, test):
 def wire_problems(folder, test, daemon):
     """Wire: recorded requests are answered with at least the recorded fields."""
     table = calls(test.messages.shadows, test.messages.questions)
+    served = interfaces.proto_lines(os.path.join(ut.ROOT, "proto"))
+    for line in interfaces.proto_lines(os.path.join(folder, "proto")):
+        if line not in served:
+            yield f"wire: {line} is gone or another"
     names = sorted(name.removesuffix(".request") for name in os.listdir(os.path.join(folder, "messages")) if name.endswith(".request"))
     for name in names:
         path, _, kind, file = table[name]
@@ -164,12 +171,15 @@ def wire_problems(folder, test, daemon):
                 yield f"wire: the reply to {name} lacks {line.strip()[:100]}"
 
 
-def list_problems(folder, daemon):
-    """CLI, metrics, API: what was there is there with the same kind."""
-    for file, now in (("options.tsv", options_now()), ("metrics.txt", metrics_now(daemon))):
-        for line in read(folder, file).decode().splitlines():
+def list_problems(folder, test, daemon):
+    """CLI, metrics, Python, API: what was there is there with the same kind."""
+    for file, now in lists_now(folder, test, daemon).items():
+        before = read(folder, file).decode().splitlines()
+        for line in before:
             if line not in now:
                 yield f"{file.split('.')[0]}: {line} is gone or of another kind"
+        for line in interfaces.new_needs(before, now) if file == "python.txt" else ():
+            yield f"python: {line} is new"
     done = subprocess.run([os.path.join(ut.ROOT, "tests", "abi", "abi.py"), "keeps", os.path.join(folder, "abi.txt")],
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     if done.returncode != 0:
@@ -182,19 +192,26 @@ def problems(folder, test):
     try:
         yield from file_problems(folder, test)
         yield from wire_problems(folder, test, daemon)
-        yield from list_problems(folder, daemon)
+        yield from list_problems(folder, test, daemon)
     finally:
         daemon.stop()
+
+
+def main(what, folder):
+    run = ut.Test()
+    if what == "record":
+        if os.path.exists(folder):
+            sys.exit(f"compat: {folder} is there already: what a release promised stays; remove it if it is not released")
+        record(run.path("record"), run)
+        shutil.copytree(run.path("record"), folder)
+        print(f"{folder}: {sum(len(names) for _, _, names in os.walk(folder))} files")
+    found = list(problems(folder, run))
+    print("\n".join(found) or "everything that it promised is kept")
+    return 1 if found else 0
 
 
 if __name__ == "__main__":
     if len(sys.argv) != 3 or sys.argv[1] not in ("record", "check"):
         sys.exit(__doc__)
     ut.need_grpc()
-    run = ut.Test()
-    if sys.argv[1] == "record":
-        record(sys.argv[2], run)
-        sys.exit(0)
-    found = list(problems(sys.argv[2], run))
-    print("\n".join(found) or "everything that it promised is kept")
-    sys.exit(1 if found else 0)
+    sys.exit(main(*sys.argv[1:]))

@@ -8,6 +8,8 @@ other threads run meanwhile.
 import http.server
 import json
 import os
+import shutil
+import subprocess
 import sys
 import threading
 
@@ -50,6 +52,37 @@ with test.check("the same bits as `umbrage query` for every setting"):
         assert city.query(points, **words).tobytes() == by_command(CITY, *options), words
     for form in ("u8", "bit"):
         assert city.query(points, taps=9, format=form).tobytes() == by_command(CITY, "--taps", 9, encoding=form), form
+
+# The web package on the same file: prints the answers of a setting, for each of the settings on stdin.
+WEB = os.path.join(ut.BUILD, "web", "umbrage")
+WEB_SCRIPT = """
+import { readFileSync } from "node:fs";
+const [library, file, floats, settings] = process.argv.slice(1);
+const umbrage = await import(library);
+const asset = await umbrage.open(file);
+await asset.want({});
+const points = new Float32Array(Uint8Array.from(readFileSync(floats)).buffer);
+for (const words of JSON.parse(settings)) {
+  const { values } = await asset.query(points, words);
+  console.log(Buffer.from(values.buffer, values.byteOffset, values.byteLength).toString("hex"));
+}
+"""
+if shutil.which("node") and os.path.exists(os.path.join(WEB, "umbrage.wasm")):
+    with test.check("one file: module, command, daemon and web package answer with the same bits"):
+        points.tofile(test.path("web.f32"))
+        shared = [(words, options) for words, options in SETTINGS if "bias" not in words and "footprint_m" not in words]
+        done = subprocess.run(["node", "--no-warnings", "--input-type=module", "-e", WEB_SCRIPT, os.path.join(WEB, "index.js"), CITY,
+                               test.path("web.f32"), json.dumps([words for words, _ in shared])],
+                              stdout=subprocess.PIPE, check=True, text=True, timeout=300)
+        lines = done.stdout.split()
+        assert len(lines) == len(shared) > 5
+        with umbrage.connect(daemon.grpc_unix) as there, there.open("city") as far:
+            for (words, options), line in zip(shared, lines):
+                want = by_command(CITY, *options)
+                assert bytes.fromhex(line) == want == city.query(points, **words).tobytes() == far.query(points, **words).tobytes(), words
+                assert test.query_file("city", points.tobytes(), *options, "--address", daemon.tcp) == want, words
+else:
+    ut.left_out("the web package beside the module", "node is not installed, or the package is not built (make web)")
 
 with test.check("the same bits for floats and doubles, shapes, threads, slices and a given array"):
     want = city.query(points, normals, taps=9)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# reproducible.sh: makes a release of the last commit twice, in clones that differ in path, time, time zone, locale,
-# umask, home folder and number of jobs, and compares every file bit for bit.
+# reproducible.sh: makes a release of the last commit twice, in clones that differ in path (one has spaces), time, time
+# zone, locale, umask, home folder and number of jobs, and compares every file bit for bit.
 . "$(dirname "$0")/../harness/umbrage_test.sh"
 cd "$root" || exit 1
 for program in dpkg-buildpackage dh dh_python3; do
@@ -12,7 +12,7 @@ for program in dpkg-buildpackage dh dh_python3; do
 done
 work=$BUILD/reproducible
 rm -rf "$work"
-mkdir -p "$work/second/and/longer"
+mkdir -p "$work/second/and its/longer"
 
 # A locale that sorts and prints otherwise: in Estonian z comes before t, and numbers have commas.
 if localedef -i et_EE -f UTF-8 "$folder/et_EE.UTF-8" 2>/dev/null; then
@@ -43,11 +43,11 @@ release "$work/one" 022 2 LC_ALL=C TZ=UTC
 same "a release is built" 0 $?
 # Words of $later and $locale are split on purpose.
 # shellcheck disable=SC2086
-release "$work/second/and/longer/path" 077 3 TZ=Pacific/Kiritimati USER=builder $locale $later
+release "$work/second/and its/longer path" 077 3 TZ=Pacific/Kiritimati USER=builder $locale $later
 same "another is built elsewhere, later, by other settings" 0 $?
 echo "two releases took $(($(date +%s) - begin)) s"
-tail -n 3 "$work/one.log" "$work/second/and/longer/path.log"
-one=$work/one/build/release/dist two=$work/second/and/longer/path/build/release/dist
+tail -n 3 "$work/one.log" "$work/second/and its/longer path.log"
+one=$work/one/build/release/dist two="$work/second/and its/longer path/build/release/dist"
 packages=$(sed -n 's/^Package: //p' deploy/debian/control | sed "s|.*|$one/&_*.deb|")
 # A word a pattern.
 # shellcheck disable=SC2086

@@ -154,7 +154,11 @@ static enum umb_status parse_line(const struct umbc_points *points, char *line, 
             return bad_line(points, line, length, token, "more than six numbers", error);
         }
         if (!parse_token(line + token, at - token, &values[*count])) {
-            return bad_line(points, line, length, token, "not a finite decimal number", error);
+            const bool has_comma = memchr(line + token, ',', at - token) != NULL;
+            return bad_line(points, line, length, token,
+                            has_comma ? "blanks separate numbers, not commas"
+                                      : "not a finite decimal number",
+                            error);
         }
         ++*count;
     }

@@ -53,7 +53,9 @@ static enum umb_status parse_magic(const uint8_t *bytes, size_t size, struct umb
                         "magic: a partial file, which holds some pages only; `umbrage stream` "
                         "reads and completes it");
     } else {
-        return umb_fail(error, UMB_E_FORMAT, "magic: the file does not begin as an asset does");
+        return umb_fail(error, UMB_E_FORMAT,
+                        "magic: the file does not begin as an asset does; `umbrage bake` makes "
+                        "an asset from a scene");
     }
     if (size < UMB__HEAD_SIZE) {
         return umb_fail(error, UMB_E_TRUNCATED, "file: %zu bytes, the head alone takes %d", size,

@@ -7,6 +7,12 @@ umbrage: how much of a light reaches these points?
         lit = asset.query(points, normals, taps=9)      # float32, 0 shadowed to 1 lit, in the shape of the points
 
 Arrays go in and come out without a copy, and other Python threads run meanwhile.
+
+    open(place)            an Asset: of a file, of a web server, or of a daemon; Asset.query answers points
+    connect(address)       a Daemon: its assets, and jobs that bake
+    bake(scene, output)    runs umbrage-bake
+    View, Asset.fetch      the part of an asset that a camera or a box needs
+    Error                  base of all exceptions but the TypeError or ValueError of a wrong argument
 """
 from pkgutil import extend_path
 

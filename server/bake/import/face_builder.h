@@ -12,16 +12,29 @@
 
 #define UMBB_BAD_CORNER UINT64_MAX
 
+/* Why a face cannot be used. */
+enum umbb_face_fault {
+    UMBB_FACE_GOOD,
+    UMBB_FACE_INDEX, /* a corner names no vertex */
+    UMBB_FACE_PLACE, /* a coordinate is no number, not finite or too large */
+    UMBB_FACE_SHORT, /* fewer than three corners */
+    UMBB_FACE_FAULTS
+};
+
 /* Zero it, but for `scene`, before its first use. */
 struct umbb_faces {
-    struct umbs_scene_builder *scene; /* borrowed */
-    struct umbs_array corners;        /* uint32_t: vertices of the face so far */
-    int bad;                          /* 1: the current face cannot be used */
-    uint64_t count;                   /* number of faces so far, dropped ones included */
+    struct umbs_scene_builder *scene;   /* borrowed */
+    struct umbs_array corners;          /* uint32_t: vertices of the face so far */
+    unsigned bad;                       /* enum umbb_face_fault of the current face */
+    uint64_t count;                     /* number of faces so far, dropped ones included */
+    uint64_t line;                      /* line of the current face; 0: the file has no lines */
+    uint64_t first, first_line;         /* first dropped face, from 1, and its line */
+    uint32_t dropped[UMBB_FACE_FAULTS]; /* number of faces dropped for each reason */
     struct umbb_polygon polygon;
 };
 
-/* Frees the object. Faces that were cut roughly (polygon_clip.h) become a warning of the scene. */
+/* Frees the object. Dropped faces become a warning of the scene, and so do those that were cut
+ * roughly (polygon_clip.h). */
 void umbb_faces_finish(struct umbb_faces *faces);
 
 /* Adds a corner. vertex: index into scene->positions; anything beyond is a bad index. */

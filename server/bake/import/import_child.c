@@ -111,11 +111,6 @@ static enum umb_status convert(struct umbb_import *job, const char *name, uint64
     if (job->scene.format != UMBS_FORMAT_GLTF) {
         umbb_up_decide(job);
     }
-    if (job->scene.dropped_faces > 0) {
-        umbs_scene_warn(&job->scene,
-                        "%u faces dropped (not finite, bad index or fewer than 3 corners)",
-                        job->scene.dropped_faces);
-    }
     return umbs_scene_builder_write(&job->scene, &sink, error);
 }
 

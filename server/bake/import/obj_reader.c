@@ -382,6 +382,7 @@ static enum umb_status read_corner(struct obj *obj, struct umbb_cursor *line,
 
 static enum umb_status read_face(struct obj *obj, struct umbb_cursor line, struct umb_error *error)
 {
+    obj->faces.line = obj->line_number;
     while (umbb_skip_blanks(&line) && *line.at != '#') {
         UMB__TRY(read_corner(obj, &line, error));
     }

@@ -91,7 +91,7 @@ static const char *take_line(struct umbd_token_set *set, char *line)
         }
     }
     if (count < 3 || count > 4) {
-        return "is not NAME SCOPES TOKEN [POINTS_PER_SECOND]";
+        return "is not NAME SCOPES TOKEN [POINTS_PER_SECOND] (scopes: query,submit,admin)";
     }
     if (set->count == UMBD_TOKENS_MAX) {
         return "is one token too many (1024)";
