@@ -111,10 +111,18 @@ def answers(asset, sides, filter_name, taps):
 
 
 def check(chromium, number, case):
-    name, up, options, place, filter_name, taps = case
+    name, up, options = case[:3]
     path, asset = scene(name), test.path(f"{number}.umb")
     test.bake(path, asset, "--resolution", 512, "--up", up, "--verify", 0, *options)
-    view, page = view_server.View(asset, "--scene", path, "--up", up), chromium.page(220, 280)
+    view = view_server.View(asset, "--scene", path, "--up", up)
+    try:
+        look(chromium.page(220, 280), view, case, asset, f"{number}-{name}.png")
+    finally:
+        view.close()
+
+
+def look(page, view, case, asset, picture_name):
+    _, _, _, place, filter_name, taps = case
     page.open(f"{view.address}{place or '#'}&filter={filter_name}&taps={taps}")
     page.wait("globalThis.umbrageViewer?.state.frames > 0 || globalThis.umbrageViewer?.state.error", WAIT_S)
     page.wait(f"umbrageViewer.parts.shadows.settings.filter === '{filter_name}' && {EXACT}", WAIT_S)
@@ -123,7 +131,7 @@ def check(chromium, number, case):
     page.wait(f"umbrageViewer.state.frames > {drawn}", WAIT_S)
     sides = view_server.read_sides(page)
     if "UMBRAGE_PICTURES" in os.environ:
-        page.screenshot(os.path.join(os.environ["UMBRAGE_PICTURES"], f"{number}-{name}.png"))
+        page.screenshot(os.path.join(os.environ["UMBRAGE_PICTURES"], picture_name))
     true = answers(asset, sides, filter_name, taps)
     ours, lit = sides.shares[::2], sum(share > 0.5 for share in true)
     equal = sum(abs(one - other) <= STEP for one, other in zip(ours, true))
@@ -131,7 +139,6 @@ def check(chromium, number, case):
     assert equal >= SAME_SHARE * len(true), f"{equal} of {len(true)} pixels are as umbrage query answers"
     assert page.troubles == [], page.troubles
     page.open("about:blank")
-    view.close()
 
 
 with devtools.Chromium(test.path("profile")) as browser:
