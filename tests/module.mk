@@ -194,7 +194,15 @@ bias-table: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/bias_race ## biases of wide w
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bias_table.py
 picture-table: $(PROGRAMS) $(BUILD)/scenegen ## false light and false shadow of default pictures, six scenes, three suns: minutes
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/picture_table.py
-.PHONY: bias-table picture-table
+# The viewer's split picture: both sides against rays.
+$(BUILD)/ray_shares: $(BUILD)/tests/bench/ray_shares.o $(TEST_LIBS_study)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(TEST_SYS_study) -o $@
+view-edges: web $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/ray_shares ## edges of the viewer's shadows and of cascades by three.js against rays: minutes
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/view_edges.py
+view-waits: web $(PROGRAMS) $(BUILD)/scenegen ## how long a browser waits for a street over 20 Mbit/s and 100 ms, and twenty reloads: a minute
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/view_waits.py
+.PHONY: bias-table picture-table view-edges view-waits
 
 # What this version promises to later ones: once for each release.
 COMPAT ?= tests/compat/$(VERSION)

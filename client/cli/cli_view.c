@@ -163,12 +163,14 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
     return status;
 }
 
-/* Returns the last part of a path or an address. What follows ? or # may be a secret. */
+/* Returns the last part of a path or an address. What follows ? or # may be a secret, and so may
+ * what stands before an @ in an address. */
 static const char *name_of(const char *target, size_t *length)
 {
-    const size_t end = strstr(target, "://") != NULL ? strcspn(target, "?#") : strlen(target);
+    const bool is_address = strstr(target, "://") != NULL;
+    const size_t end = is_address ? strcspn(target, "?#") : strlen(target);
     size_t begin = end > 0 ? end - 1 : 0;
-    while (begin > 0 && target[begin - 1] != '/') {
+    while (begin > 0 && target[begin - 1] != '/' && !(is_address && target[begin - 1] == '@')) {
         begin--;
     }
     *length = end - begin < NAME_LENGTH ? end - begin : NAME_LENGTH;
@@ -325,28 +327,27 @@ static int export_site(struct umbc_view_site *site, const struct view_settings *
 static int serve_site(struct umbc_view_site *site, const struct view_settings *settings,
                       struct umb_error *error)
 {
-    unsigned port = settings->port;
-    int listener;
-    if (umbc_view_listen(&port, &listener, error) != UMB_OK) {
+    struct umbc_view_listener listener = {.port = settings->port};
+    char address[64 + UMBC_VIEW_KEY_SIZE];
+    if (umbc_view_listen(&listener, error) != UMB_OK) {
         return umbc_complain(error);
     }
+    (void)snprintf(address, sizeof address, "http://127.0.0.1:%u/%s/", listener.port, listener.key);
     if (settings->json) {
-        char address[64];
         struct umbu_json json = umbu_json_open(stdout);
-        (void)snprintf(address, sizeof address, "http://127.0.0.1:%u/", port);
         umbu_json_text(&json, "address", address);
         umbu_json_close(&json);
     } else {
-        (void)printf("http://127.0.0.1:%u/\n", port);
+        (void)printf("%s\n", address);
     }
     int code = umbc_finish_stdout(0);
     if (code == 0) {
         if (!settings->quiet) {
             (void)fprintf(stderr, "umbrage view: open this address in a browser; Ctrl-C stops\n");
         }
-        code = umbc_view_serve(listener, site, error) == UMB_OK ? 0 : umbc_complain(error);
+        code = umbc_view_serve(&listener, site, error) == UMB_OK ? 0 : umbc_complain(error);
     }
-    (void)close(listener);
+    (void)close(listener.socket);
     return code;
 }
 

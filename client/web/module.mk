@@ -39,9 +39,11 @@ $(WEB_PACKAGE)/umbrage.wasm: $(WEB_OBJ) $(WEB_DIR)/libcore.a
 	$(call say,LD,$@)
 	$(Q)$(WEB_CC) --target=wasm32-wasi -mexec-model=reactor $^ -Wl,--gc-sections -Wl,--strip-all -Wl,--stack-first \
 		-Wl,-z,stack-size=1048576 -Wl,--max-memory=4294901760 -o $@
+# Scripts go without lines of comments, except the licence: the types have the descriptions.
+WEB_BARE := sed '2,$$ { /^ *\/\/ /d; /^ *\/\*\* .*\*\/$$/d; }'
 $(WEB_FILES): $(WEB_PACKAGE)/%: client/web/umbrage/%
 	@mkdir -p $(@D)
-	$(Q)cp $< $@
+	$(Q)$(if $(filter %.js,$<),$(WEB_BARE),cat) $< >$@
 $(WEB_PACKAGE)/package.json: client/web/umbrage/package.json.in client/include/umbrage/version.h
 	@mkdir -p $(@D)
 	$(Q)sed 's/@version@/$(VERSION)/' $< >$@
@@ -70,7 +72,7 @@ web-if-here:
 	@if why=$$(sh client/web/tools.sh "$(WEB_CC)"); then $(MAKE) --no-print-directory web; else echo "skipped web: $$why"; fi
 test-web: web-if-here $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/gpu_voxels ## the package in node and in headless Chromium, where they are installed
 	@BUILD=$(BUILD) $(RUN) tests/system/test_web.py tests/system/test_web_browser.py \
-		tests/system/test_view.py tests/system/test_view_browser.py && \
+		tests/system/test_view.py tests/system/test_view_browser.py tests/system/test_view_scenes.py && \
 	BUILD=$(BUILD) UMBRAGE_PIXELS=921600 $(RUN) tests/system/test_gpu_browser.py
 .PHONY: web web-if-here test-web
 

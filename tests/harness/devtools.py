@@ -22,6 +22,7 @@ import web_browser
 class Page:
     def __init__(self, chromium, session):
         self.chromium, self.session, self.troubles, self.requests = chromium, session, [], []
+        self.fetched = []  # Addresses of which a byte came from a server, not from a cache
 
     def call(self, method, **words):
         return self.chromium.call(method, self.session, **words)
@@ -44,9 +45,11 @@ class Page:
                 raise AssertionError(f"{code}: not within {seconds} s; {self.troubles}")
             time.sleep(0.1)
 
-    def press(self, key, code):
+    def press(self, key, code, number=0, shift=False):
+        """number: Windows' number of a key whose default the browser handles, such as 9 for Tab."""
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code)
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code, windowsVirtualKeyCode=number,
+                      modifiers=8 if shift else 0)
 
     def click(self, x, y):
         for kind in ("mousePressed", "mouseReleased"):
@@ -74,6 +77,8 @@ class Page:
             self.troubles.append(f"{words['entry']['text']} {words['entry'].get('url', '')}")
         elif method == "Network.requestWillBeSent":
             self.requests.append(words["request"]["url"])
+        elif method == "Network.responseReceived" and not words["response"].get("fromDiskCache"):
+            self.fetched.append(words["response"]["url"])
 
 
 class Chromium:

@@ -19,7 +19,7 @@ import time
 
 
 class RangeServer:
-    """GET with one range; counts what it was asked for in `ranges`."""
+    """GET with one range, of a folder's files or of one file by any name; counts what it was asked for in `ranges`."""
 
     def __init__(self, folder, serves_ranges=True):
         ranges = self.ranges = []
@@ -29,7 +29,8 @@ class RangeServer:
             disable_nagle_algorithm = True
 
             def do_GET(self):
-                path = os.path.join(folder, os.path.basename(self.path.partition("?")[0]))
+                name = os.path.basename(self.path.partition("?")[0])
+                path = folder if os.path.isfile(folder) else os.path.join(folder, name)
                 if not os.path.isfile(path):
                     self.send_error(404)
                     return

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Pictures of the viewer by headless Chromium, for docs/pictures: an overview with an explained point, a phone in the dark,
-and the overlay while pages arrive.
+the overlay while pages arrive, and the split picture.
 
     view_pictures.py CITY.umb CITY.glb HALL.umb HALL.glb FOLDER
 """
@@ -18,6 +18,7 @@ WAIT_S = 580
 # Name, which asset, width, height, a phone, dark, the view, what happens before the picture.
 PICTURES = [
     ("view.png", 0, 1280, 720, False, False, "#eye=-130,80,-110&target=5,5,5&fov=40", "explained"),
+    ("view-split.png", 0, 976, 480, False, False, "#eye=-60,45,-60&target=10,5,10&fov=40&beside=cascades", "exact"),
     ("view-exact.png", 0, 900, 480, False, False, "#eye=60,75,90&target=20,5,40&fov=40&overlay=bound&move=walk", "turned"),
     ("view-phone.png", 1, 390, 760, True, True, "#eye=-20,6,3&target=0,2,0&move=walk", "exact"),
 ]

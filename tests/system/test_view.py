@@ -4,11 +4,14 @@
 The web server of `umbrage view`: what it serves, what it refuses, its bounds, and --export. The page itself is a stand-in
 of a few bytes, so that the test needs no compiler for WebAssembly; test_view_browser.py opens the real one.
 """
+import contextlib
 import json
 import os
+import re
 import shutil
 import socket
 import sys
+import threading
 import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
@@ -54,9 +57,34 @@ def send(data, port=None, timeout=20):
         return b"".join(parts)
 
 
-def ask(path, method="GET", fields="", host=HOST, port=None):
-    """Status, header fields and body of a reply."""
-    reply = send(f"{method} {path} HTTP/1.1\r\n{host}Connection: close\r\n{fields}\r\n".encode("latin-1"), port)
+def slow_peer(path):
+    """A connection that has asked for a file, and has room for little of it."""
+    peer = socket.socket()
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    peer.connect(("127.0.0.1", view.port))
+    peer.sendall(f"GET /{view.key}{path} HTTP/1.1\r\n{HOST}\r\n".encode())
+    return peer
+
+
+def take_slowly(peer, ended):
+    """Takes two bytes a second; notes the time at which the server has closed."""
+    with peer, contextlib.suppress(OSError):
+        while peer.recv(2):
+            time.sleep(1)
+            if is_closed(peer):
+                break
+    ended.append(time.monotonic())
+
+
+def is_closed(peer):
+    """Has the other end closed or reset this connection? State ESTABLISHED is 1 in struct tcp_info."""
+    return peer.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] != 1
+
+
+def ask(path, method="GET", fields="", host=HOST, server=None):
+    """Status, header fields and body of a reply. server: another than the first."""
+    server = server or view
+    reply = send(f"{method} /{server.key}{path} HTTP/1.1\r\n{host}Connection: close\r\n{fields}\r\n".encode("latin-1"), server.port)
     head, _, body = reply.partition(b"\r\n\r\n")
     lines = head.decode().split("\r\n")
     return int(lines[0].split()[1]), {key.lower(): value for key, value in (line.split(": ", 1) for line in lines[1:])}, body
@@ -72,6 +100,8 @@ with test.check("the page, the package, three.js, the scene and its files are se
         status, fields, body = ask(path)
         assert status == 200 and body.startswith(start) and fields["content-type"].startswith(kind), (path, status, fields)
         assert len(body) == int(fields["content-length"]) and fields["x-content-type-options"] == "nosniff", path
+        policy = fields["content-security-policy"]
+        assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy, policy
         assert fields["cross-origin-resource-policy"] == "same-origin" and "access-control-allow-origin" not in fields, fields
     config = json.loads(ask("/config.json")[2])
     assert config == {"name": "city.umb", "asset": ASSET[1:], "id": ID, "up": "y", "scene": "scene/wall.obj"}, config
@@ -82,13 +112,16 @@ with test.check("the asset is served whole and by ranges, and may be cached for 
         status, fields, body = ask(ASSET, fields=f"Range: bytes={field}\r\n")
         assert (status, body) == (206, whole[first:last + 1]), (field, status)
         assert fields["content-range"] == f"bytes {first}-{last}/{len(whole)}" and "immutable" in fields["cache-control"]
+        assert fields["etag"] == f'"{ID}"', fields
     assert ask(ASSET, fields="Range: bytes=0-1,5-6\r\n")[2] == whole
+    for tag, size in ((f'"{ID}"', 2), ('"another"', len(whole))):
+        assert len(ask(ASSET, fields=f"Range: bytes=0-1\r\nIf-Range: {tag}\r\n")[2]) == size, tag
     assert ask(ASSET, fields=f"Range: bytes={len(whole)}-\r\n")[0] == 416
     status, fields, body = ask(ASSET, "HEAD")
     assert (status, fields["content-length"], body) == (200, str(len(whole)), b"")
 
 with test.check("many requests share a connection"):
-    one = f"GET /scene/t.png HTTP/1.1\r\n{HOST}\r\n"
+    one = f"GET /{view.key}/scene/t.png HTTP/1.1\r\n{HOST}\r\n"
     answer = send((one * 19 + one.replace(HOST, HOST + "Connection: close\r\n")).encode())
     assert answer.count(b"HTTP/1.1 200 OK") == 20 and answer.count(b"picture") == 20, answer[:200]
 
@@ -98,6 +131,17 @@ with test.check("paths outside of the list do not exist"):
                  "/INDEX.HTML", "/umbrage/umbrage.wasm/", "/" + "a" * 8000):
         status, _, body = ask(path)
         assert status == 404 and body == b"no such file\n", (path[:60], status, body)
+
+with test.check("without the random part of the address nothing exists: other users of the machine do not know it"):
+    assert re.fullmatch("[0-9a-f]{32}", view.key), view.address
+    other = view_server.View(asset_file, program=program)
+    other.close()
+    assert other.key != view.key
+    keys = ("", "/" + other.key, "/" + "0" * 32, "/" + view.key[:31], "/" + view.key + "x")
+    for key in keys:
+        for path in ("/", "/index.html", ASSET, "/config.json"):
+            reply = send(f"GET {key}{path} HTTP/1.1\r\n{HOST}Connection: close\r\n\r\n".encode())
+            assert reply.startswith(b"HTTP/1.1 404 ") and reply.endswith(b"\r\n\r\nno such file\n"), (key, path, reply)
 
 with test.check("a Host that is not this machine is refused: no page elsewhere reaches it by DNS rebinding"):
     for host in ("evil.example", f"evil.example:{view.port}", "127.0.0.1.evil.example", "localhost.evil.example", "10.0.0.1", ""):
@@ -122,19 +166,34 @@ with test.check("only GET and HEAD, no body, no long line, nothing malformed"):
             assert reply.startswith(b"HTTP/1.1 4") or reply.startswith(b"HTTP/1.1 5"), (data[:60], reply[:80])
             assert b"Connection: close" in reply, data[:60]
 
-with test.check("at most 32 connections, and an unfinished head ends after ten seconds"):
-    idle = [socket.create_connection(("127.0.0.1", view.port)) for _ in range(40)]
+with test.check("at most 32 connections: a new one replaces the one that has waited longest for a request"):
+    with open(test.path("scene", "t.png"), "wb") as file:
+        file.write(bytes(400_000))  # 10 s and 6.1 s: checked at the end
+    slow, taken = slow_peer("/scene/t.png"), []
+    threading.Thread(target=take_slowly, args=(slow, taken), daemon=True).start()
+    idle = [socket.create_connection(("127.0.0.1", view.port)) for _ in range(31)]
     begun = time.monotonic()
-    for peer in idle[:32]:
+    for peer in idle:
         peer.sendall(b"GET / HT")
-    idle[39].settimeout(5)
-    assert idle[39].recv(1) == b"", "the 40th connection is kept"
-    idle[0].settimeout(20)
-    assert idle[0].recv(1) == b"" and 8 < time.monotonic() - begun < 18, time.monotonic() - begun
+    time.sleep(0.2)
+    for number in range(3):
+        assert ask("/")[0] == 200, number
+    assert time.monotonic() - begun < 4, "silent connections hold the server"
+    idle[0].settimeout(5)
+    assert idle[0].recv(1) == b"", "the oldest one is kept"
+
+with test.check("an unfinished head ends after ten seconds"):
+    idle[30].settimeout(20)
+    assert idle[30].recv(1) == b"" and 8 < time.monotonic() - begun < 18, time.monotonic() - begun
     for peer in idle:
         peer.close()
-    time.sleep(0.3)
-    assert ask("/")[0] == 200
+
+with test.check("a peer that takes a byte now and then loses its place"):
+    while not taken and time.monotonic() - begun < 40:
+        time.sleep(0.1)
+    assert taken and 14 < taken[0] - begun < 30, (taken, begun)
+    with open(test.path("scene", "t.png"), "wb") as file:
+        file.write(b"picture")
 
 with test.check("it listens on loopback alone"):
     with open("/proc/net/tcp", encoding="ascii") as file:
@@ -143,14 +202,20 @@ with test.check("it listens on loopback alone"):
 view.close()
 
 with test.check("an asset of a daemon and of a web server is passed on, and proven by its id"):
-    daemon, web = test.daemon(), link.RangeServer(store)
+    daemon, web, bare = test.daemon(), link.RangeServer(store), link.RangeServer(asset_file)
     for words in (("city", "--address", daemon.tcp), (f"http://127.0.0.1:{web.port}/city.umb?sign=a/secret",)):
         other = view_server.View(*words, program=program)
-        assert ask(ASSET, port=other.port, host="Host: localhost\r\n")[2] == whole, words
-        config = json.loads(ask("/config.json", port=other.port, host="Host: localhost\r\n")[2])
+        assert ask(ASSET, host="Host: localhost\r\n", server=other)[2] == whole, words
+        config = json.loads(ask("/config.json", host="Host: localhost\r\n", server=other)[2])
         assert config["id"] == ID and "secret" not in str(config), config
         other.close()
+    for user in ("me:secret@", "me@"):
+        other = view_server.View(f"http://{user}127.0.0.1:{bare.port}", program=program)
+        config = json.loads(ask("/config.json", host="Host: localhost\r\n", server=other)[2])
+        assert config["name"] == f"127.0.0.1:{bare.port}", config
+        other.close()
     web.close()
+    bare.close()
 
 with test.check("--export writes the files that would be served, and replaces nothing"):
     out = test.path("site")

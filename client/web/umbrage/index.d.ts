@@ -29,6 +29,11 @@ export interface OpenOptions {
   memory?: number;
   /** HTTP headers, such as Authorization. */
   headers?: Record<string, string>;
+  /**
+   * true: each range has an address of its own, by `?from=` and its offset. Use it for servers that ignore queries:
+   * browsers ask for cacheable ranges of one address one after the other.
+   */
+  apart?: boolean;
   signal?: AbortSignal;
   /** The module or its address, where a bundler moves files; by default umbrage.wasm beside the package's files. */
   wasm?: WebAssembly.Module | string | URL;

@@ -8,5 +8,5 @@ export { UmbrageError } from "./errors.js";
 
 /** Opens an asset: reads its head and coarse pages, so that every point has an answer with bounds. */
 export async function open(where, options = {}) {
-  return Asset.open(await sourceOf(where, options.headers), options);
+  return Asset.open(await sourceOf(where, options), options);
 }

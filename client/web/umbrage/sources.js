@@ -31,10 +31,22 @@ class HttpSource {
   parallel = PARALLEL;
   #url;
   #headers;
+  #apart;
 
-  constructor(url, headers) {
+  constructor(url, headers, apart) {
     this.#url = url;
     this.#headers = headers;
+    this.#apart = apart;
+  }
+
+  /** Address of a range. Browsers with a cache ask for ranges of one address one after the other. */
+  #addressOf(offset) {
+    if (!this.#apart) {
+      return this.#url;
+    }
+    const address = new URL(this.#url, globalThis.location?.href);
+    address.searchParams.append("from", offset);
+    return address;
   }
 
   async read(offset, length, signal) {
@@ -71,7 +83,7 @@ class HttpSource {
   }
 
   async #request(offset, length, ours, alive) {
-    const response = await fetch(this.#url, {
+    const response = await fetch(this.#addressOf(offset), {
       headers: { ...this.#headers, Range: `bytes=${offset}-${offset + length - 1}` },
       signal: ours.signal,
     });
@@ -152,14 +164,14 @@ class FileSource {
 }
 
 /** The source of what `open` was given. */
-export async function sourceOf(where, headers) {
+export async function sourceOf(where, { headers, apart = false } = {}) {
   const in_node = typeof process === "object" && Boolean(process.versions?.node);
   const address = where instanceof URL ? where.href : where;
   if (typeof address === "string") {
     if (in_node && (!ADDRESS.test(address) || address.startsWith("file:"))) {
       return FileSource.make(ADDRESS.test(address) ? new URL(address) : address);
     }
-    return new HttpSource(address, headers);
+    return new HttpSource(address, headers, apart);
   }
   if (typeof Blob === "function" && where instanceof Blob) {
     return new BlobSource(where);

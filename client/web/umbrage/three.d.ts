@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Shadows of an asset in three.js: docs/guide/web.md. The package does not depend on three; THREE is an argument. */
-import type { Asset } from "./index.js";
+import type { Asset, WantOptions } from "./index.js";
 
 export interface ShadowSettings {
   /** Numbers or names of the asset's lights, at most 16; [0] by default. */
@@ -11,8 +11,8 @@ export interface ShadowSettings {
   filter?: "box" | "tent" | "gaussian" | "penumbra";
   /** "auto", "none" or metres. */
   bias?: "auto" | "none" | number;
-  /** "exact": stripes where pages are missing; "bound": also dots where a boundary crosses the window; "state": for counting. */
-  overlay?: "none" | "exact" | "bound" | "state";
+  /** "exact": stripes where pages are missing; "bound": also dots where a boundary crosses the window; "state" and "share": for counting. */
+  overlay?: "none" | "exact" | "bound" | "state" | "share";
 }
 
 export interface LightSettings {
@@ -36,6 +36,8 @@ export class Shadows {
   readonly byShader: boolean;
   /** Answers the picture by the core, in width x height pixels; the next render shows the answers. */
   answer(scene: object, camera: object, width: number, height: number): Promise<void>;
+  /** Fetches the pages for the points that the camera sees, in width x height pixels. */
+  want(scene: object, camera: object, width: number, height: number, fetching?: WantOptions): Promise<void>;
   /** Lights of three at the places of the asset's. */
   makeLights(settings?: LightSettings): object[];
 }

@@ -11,7 +11,7 @@ import { require } from "./errors.js";
 import { PixelAnswers } from "./three_pixels.js";
 
 const LIGHTS_MAX = 16; // Of a material: 11 uniform vectors each
-const OVERLAYS = ["none", "exact", "bound", "state", "position", "normal"]; // The last three: for reading back
+const OVERLAYS = ["none", "exact", "bound", "state", "share", "position", "normal"]; // The last four: for reading back
 const SHADER_FILTERS = ["box", "tent"]; // The core answers the others
 const FILTERS = [...SHADER_FILTERS, "gaussian", "penumbra"];
 
@@ -37,7 +37,7 @@ uniform vec2 umbrage_size; // Of this picture in pixels
 void umbrage_look(vec3 position) {
   umbrage_position = position;
   umbrage_normal = normalize(cross(dFdx(position), dFdy(position)));
-  if (umbrage_overlay > 3) {
+  if (umbrage_overlay > 4) {
     return;
   }
   for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
@@ -68,8 +68,8 @@ float umbrage_share(vec4 light) {
 
 // Draws what is not exact as stripes, and where a shadow's boundary crosses the window as dots.
 vec4 umbrage_mark(vec4 color) {
-  if (umbrage_overlay > 3) {
-    return vec4(umbrage_overlay == 4 ? umbrage_position : umbrage_normal, 1.0);
+  if (umbrage_overlay > 4) {
+    return vec4(umbrage_overlay == 5 ? umbrage_position : umbrage_normal, 1.0);
   }
   float missing = 0.0, mixed = 0.0;
   for (int i = 0; i < UMBRAGE_LIGHTS; i++) {
@@ -79,6 +79,9 @@ vec4 umbrage_mark(vec4 color) {
   }
   if (umbrage_overlay == 3) {
     return vec4(missing > 0.0 ? 0.0 : 1.0, 1.0, 0.0, 1.0);
+  }
+  if (umbrage_overlay == 4) { // Of the first light
+    return vec4(0.5 * (umbrage_answers[0].x + umbrage_answers[0].y), 1.0, 0.0, 1.0);
   }
   float across = fract((gl_FragCoord.x + gl_FragCoord.y) / 12.0);
   vec2 cell = fract(gl_FragCoord.xy / 6.0) - 0.5;
@@ -274,15 +277,29 @@ export class Shadows {
    * render shows the answers, for the same camera.
    */
   async answer(scene, camera, width, height) {
-    const { overlay, taps, filter, bias } = this.#settings;
+    await this.#pixels.update(...this.#picture(scene, camera, width, height));
+  }
+
+  /**
+   * Fetches the pages for the points that the camera sees, in width x height pixels. For casters that hide each other
+   * this takes far fewer bytes than asset.want({ camera }). fetching: progress and signal, as for asset.want.
+   */
+  async want(scene, camera, width, height, fetching = {}) {
+    await this.#pixels.want(...this.#picture(scene, camera, width, height), fetching);
+  }
+
+  /** Arguments of PixelAnswers: how to draw the scene, and for what. */
+  #picture(scene, camera, width, height) {
+    const { taps, filter, bias } = this.#settings;
     camera.updateMatrixWorld();
     const draw = (kind) => {
+      const { overlay } = this.#settings;
       this.set({ overlay: kind });
       this.#renderer.render(scene, camera);
       this.set({ overlay });
     };
-    await this.#pixels.update(this.#renderer, draw, { width, height, matrix: [...camera.matrixWorld.elements],
-      lights: this.#lights.map(({ light }) => light), settings: { taps, filter, bias }, unit: this.#unit + 1 });
+    return [this.#renderer, draw, { width, height, matrix: [...camera.matrixWorld.elements],
+      lights: this.#lights.map(({ light }) => light), settings: { taps, filter, bias }, unit: this.#unit + 1 }];
   }
 
   /** Lights of three at the places of the asset's, for `settings.lights`. Suns and lamps cast no map of three's. */

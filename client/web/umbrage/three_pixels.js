@@ -48,11 +48,8 @@ export class PixelAnswers {
     return pixels;
   }
 
-  /**
-   * Answers a picture. draw(kind) draws the scene; matrix: of the camera; lights: numbers; settings: of the query;
-   * unit: texture unit for the answers.
-   */
-  async update(renderer, draw, { width, height, matrix, lights, settings, unit }) {
+  /** The points of a picture: draw(kind) draws the scene; matrix: of the camera. */
+  #look(renderer, draw, { width, height, matrix }) {
     const positions = this.#read(renderer, draw, "position", width, height);
     const normals = this.#read(renderer, draw, "normal", width, height), seen = [];
     for (let i = 0; i < width * height; i++) {
@@ -60,8 +57,32 @@ export class PixelAnswers {
         seen.push(i);
       }
     }
-    const points = toWorld(matrix, positions, seen, new Float64Array(3 * seen.length), 1);
-    const facing = toWorld(matrix, normals, seen, new Float32Array(3 * seen.length), 0);
+    return { seen, points: toWorld(matrix, positions, seen, new Float64Array(3 * seen.length), 1),
+      facing: toWorld(matrix, normals, seen, new Float32Array(3 * seen.length), 0) };
+  }
+
+  /** Fetches the pages that the answers of a picture need. Arguments: as of update; fetching: as of asset.want. */
+  async want(renderer, draw, { lights, settings, ...picture }, fetching) {
+    const { points, facing } = this.#look(renderer, draw, picture);
+    for (let held = -1; held < this.#asset.held().held_bytes;) {
+      let exact = 0;
+      for (const light of lights) {
+        exact += (await this.#asset.query(points, { ...settings, light, normals: facing })).exact_count;
+      }
+      if (exact === lights.length * points.length / 3) {
+        return;
+      }
+      held = this.#asset.held().held_bytes;
+      await this.#asset.want([], fetching);
+    }
+  }
+
+  /**
+   * Answers a picture. draw(kind) draws the scene; matrix: of the camera; lights: numbers; settings: of the query;
+   * unit: texture unit for the answers.
+   */
+  async update(renderer, draw, { width, height, matrix, lights, settings, unit }) {
+    const { seen, points, facing } = this.#look(renderer, draw, { width, height, matrix });
     const limits = new Uint8Array(2 * width * height * lights.length).fill(255);
     for (const [layer, light] of lights.entries()) {
       const answers = await this.#asset.query(points, { ...settings, light, normals: facing, bounds: true, want: false });

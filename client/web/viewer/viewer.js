@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The viewer: config.json names the asset and the scene; the address's # may set the view:
-// #eye=X,Y,Z&target=X,Y,Z&fov=DEG&move=walk&light=N&taps=N&filter=tent&overlay=exact
+// #eye=X,Y,Z&target=X,Y,Z&fov=DEG&move=walk&light=N&taps=N&filter=tent&overlay=exact&beside=cascades&split=500
 import * as THREE from "./three/build/three.module.js";
 import * as umbrage from "./umbrage/index.js";
 import { Shadows } from "./umbrage/three.js";
+import { Cascades } from "./cascades.js";
 import { explanationText, significant } from "./explain.js";
 import { Moves } from "./moves.js";
 import { loadScene } from "./scene.js";
 
 const COUNT_SIDE = 128; // Points a side that the share of exact ones is counted on
+const SEEN_SIDE = 512; // Pixels of the picture whose points are fetched first
 const SLOW_MS = 250; // Pictures that take longer are drawn only when all pages of the view are there
 const REST_MS = 150; // After this time without a move the pages of the view are fetched
+const SPLIT_PX = 32; // Width of the thumb that is the border of the split picture
 const LEGENDS = {
   exact: "Stripes: pages are missing, the answer has bounds only.",
   bound: "Stripes: pages are missing. Dots: a shadow's boundary crosses the window; it is right within the bound.",
@@ -35,6 +38,7 @@ class Viewer {
   #camera;
   #moves;
   #shadows;
+  #cascades = null; // Of the split picture
   #lights = [];
   #ambient = new THREE.HemisphereLight(0xdfeaf5, 0x8a8378, 0.4);
   #counter = new THREE.WebGLRenderTarget(COUNT_SIDE, COUNT_SIDE);
@@ -49,7 +53,7 @@ class Viewer {
   async start() {
     const config = await (await fetch("config.json")).json(), up = config.up === "z" ? 2 : 1;
     document.title = byId("name").textContent = config.name;
-    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id });
+    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id, apart: true });
     this.#root = await loadScene(config, this.#asset.info, up);
     const context = this.#canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
     if (!context) {
@@ -101,12 +105,16 @@ class Viewer {
     byId("day").hidden = suns.length < 2;
     byId("sun").max = suns.length - 1;
     byId("sun").addEventListener("input", () => this.#choose("light", String(suns[byId("sun").value])));
-    for (const name of ["light", "taps", "filter", "overlay", "move"]) {
+    byId("split").value = hash.get("split") ?? byId("split").value;
+    byId("split").addEventListener("input", () => {
+      this.#dirty = true;
+    });
+    for (const name of ["light", "taps", "filter", "overlay", "beside", "move"]) {
       byId(name).addEventListener("input", () => this.#choose(name, byId(name).value));
       this.#choose(name, hash.get(name) ?? byId(name).value);
     }
     byId("panel").open = innerWidth > 800;
-    byId("all").addEventListener("click", () => this.#want([{}]));
+    byId("all").addEventListener("click", () => this.#want((fetching) => this.#asset.want({}, fetching)));
     byId("close").addEventListener("click", () => this.#unmark());
     this.#canvas.addEventListener("pointerdown", (event) => {
       this.pressed = [event.clientX, event.clientY];
@@ -138,6 +146,8 @@ class Viewer {
       this.#shadows.set({ overlay: control.value });
       byId("legend").textContent = LEGENDS[control.value] ?? "";
       byId("legend").hidden = control.value === "none";
+    } else if (name === "beside") {
+      this.#setBeside(control.value === "cascades");
     } else {
       this.#moves.mode = control.value;
       byId("pad").hidden = control.value !== "walk";
@@ -148,7 +158,7 @@ class Viewer {
   /** Penumbras need the whole asset, and what not every asset has: the core says what is missing. */
   async #setFilter(filter) {
     if (filter === "penumbra") {
-      await this.#want([{}]);
+      await this.#want((fetching) => this.#asset.want({}, fetching));
     }
     try {
       const { taps, lights } = this.#shadows.settings;
@@ -171,23 +181,35 @@ class Viewer {
     if (place >= 0) {
       byId("sun").value = place;
     }
+    byId("beside").disabled = place < 0; // Cascades are of a sun
+    this.#setBeside(place >= 0 && byId("beside").value === "cascades");
     byId("sun").setAttribute("aria-valuetext", this.#asset.info.lights[indices[0]].name);
+  }
+
+  /** Shows cascaded shadow maps on the right of the border, or the whole picture by the asset. */
+  #setBeside(is_split) {
+    if (is_split) {
+      this.#cascades ??= new Cascades(this.#renderer, this.#root, this.#ambient);
+      this.#cascades.setSun(this.#lights[0]);
+      byId("theirs").textContent = this.#cascades.text;
+    }
+    byId("split-view").hidden = !is_split;
   }
 
   #step(name, by) {
     const control = byId(name);
-    if (control.options) {
+    if (control.options && !control.disabled) {
       const next = (control.selectedIndex + by + control.options.length) % control.options.length;
       this.#choose(name, control.options[next].value);
-    } else {
+    } else if (!control.disabled) {
       this.#choose(name, String(Number(control.value) + by * Number(control.step)));
     }
   }
 
   #key(event) {
     const does = { BracketLeft: ["taps", -1], BracketRight: ["taps", 1], Comma: ["light", -1], Period: ["light", 1],
-      KeyO: ["overlay", 1], KeyM: ["move", 1] }[event.code];
-    const in_panel = event.target.closest?.("aside"), held = event.ctrlKey || event.metaKey || event.altKey;
+      KeyO: ["overlay", 1], KeyC: ["beside", 1], KeyM: ["move", 1] }[event.code];
+    const in_panel = event.target.closest?.("aside, #split-view"), held = event.ctrlKey || event.metaKey || event.altKey;
     if (held || (in_panel && !/^(Bracket|Key|Comma|Period)/.test(event.code)) || event.target.tagName === "SELECT") {
       return;
     }
@@ -210,20 +232,25 @@ class Viewer {
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => {
       this.#changed = this.#dirty = true;
-      this.#want(this.#views());
+      this.#want((fetching) => this.#wantSeen(fetching));
     }, REST_MS);
     this.#placeMark();
   }
 
-  #views() {
-    const { position, fov, aspect, up } = this.#camera, { lights, taps } = this.#shadows.settings;
-    const forward = this.#camera.getWorldDirection(new THREE.Vector3()).toArray();
-    const camera = { eye: position.toArray(), forward, up: up.toArray(), fov_y: fov * Math.PI / 180, aspect };
-    return lights.map((light) => ({ light, taps, camera }));
+  /** Fetches what the points of the picture need: those of a small picture, and of every pixel where a GPU draws. */
+  async #wantSeen(fetching) {
+    const { width, height } = this.#canvas, small = Math.min(1, SEEN_SIDE / Math.max(width, height));
+    const seen = (share) => this.#shadows.want(this.#scene, this.#camera, Math.ceil(width * share), Math.ceil(height * share), fetching);
+    if (this.#shadows.settings.filter !== "penumbra") { // It has the whole asset
+      await seen(small);
+      if (small < 1 && this.state.frames > 0 && this.state.frame_ms < SLOW_MS) {
+        await seen(1);
+      }
+    }
   }
 
-  /** Fetches what views need; a later want ends an earlier one. */
-  async #want(views) {
+  /** Fetches by a function; a later want ends an earlier one. */
+  async #want(fetch_by) {
     const stop = new AbortController();
     this.#stop?.abort(new DOMException("a later view", "AbortError"));
     this.#stop = stop;
@@ -233,7 +260,7 @@ class Viewer {
       this.#dirty ||= is_last || this.state.frame_ms < SLOW_MS; // Without a GPU a picture takes seconds
     };
     try {
-      await this.#asset.want(views, { signal: stop.signal, progress: () => came(false) });
+      await fetch_by({ signal: stop.signal, progress: () => came(false) });
       came(true);
     } catch (error) {
       if (!stop.signal.aborted) {
@@ -286,7 +313,7 @@ class Viewer {
       await this.#shadows.answer(this.#scene, this.#camera, Math.ceil(width / share), Math.ceil(height / share));
       this.#shadows.update(this.#camera, { changed: false });
     }
-    this.#renderer.render(this.#scene, this.#camera);
+    this.#drawSides();
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // Waits for the picture
     this.state.frame_ms = performance.now() - begun;
     this.state.direction = this.#camera.getWorldDirection(new THREE.Vector3()).toArray().join(" ");
@@ -295,6 +322,21 @@ class Viewer {
     }
     this.state.frames++;
     await this.#showFigures();
+  }
+
+  /** Draws the picture: by the asset, and on the right of the border by cascades. */
+  #drawSides() {
+    const { clientWidth: width, clientHeight: height } = this.#canvas, is_split = !byId("split-view").hidden;
+    const border = is_split ? Math.round(SPLIT_PX / 2 + (width - SPLIT_PX) * byId("split").value / byId("split").max) : width;
+    this.#renderer.setScissorTest(is_split);
+    this.#renderer.setScissor(0, 0, border, height);
+    this.#renderer.render(this.#scene, this.#camera);
+    if (is_split) {
+      this.#cascades.update(this.#camera);
+      this.#renderer.setScissor(border, 0, width - border, height);
+      this.#renderer.render(this.#cascades.scene, this.#camera);
+      this.#renderer.setScissorTest(false);
+    }
   }
 
   /** Counts the exact points of a small picture. */
@@ -323,6 +365,7 @@ class Viewer {
     const parts = [["fetched", `${bytesText(received_bytes)} of ${bytesText(asset_bytes)}`],
       ["pages", `${pages_held} of ${pages}`], ["exact", `${share} % of the points`],
       ["bound", bound > 0 ? `${significant(bound, 3)} m` : "none"], ["frame", frame_ms < 1000 ? `${frame_ms.toFixed(1)} ms` : `${(frame_ms / 1000).toFixed(1)} s`]];
+    byId("ours").textContent = `umbrage: ${bytesText(received_bytes)}, ${bytesText(this.#shadows.bytesSent)} sent to the GPU`;
     byId("figures").className = "";
     byId("figures").replaceChildren(...parts.map(([name, text]) => {
       const part = document.createElement("span"), value = document.createElement("b");
@@ -336,6 +379,16 @@ class Viewer {
 
   get asset() {
     return this.#asset;
+  }
+
+  /** Draws again, with counts. */
+  draw() {
+    this.#changed = this.#dirty = true;
+  }
+
+  /** For tests that read pictures back. */
+  get parts() {
+    return { renderer: this.#renderer, scene: this.#scene, camera: this.#camera, shadows: this.#shadows, cascades: this.#cascades };
   }
 
   /** The point at a place of the picture, 0 to 1 from the left and from above, and its normal; null: sky. */
