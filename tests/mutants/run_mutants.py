@@ -9,7 +9,7 @@ The table (mutants.toml beside this file) has a block for each mutant:
 
     [[mutant]]
     name = "page-hash"
-    file = "client/core/partial/partial.c"
+    file = "client/core/partial/partial_pages.c"
     old = '''return memcmp(hash, '''           # stands exactly once in the file
     new = '''return 1 || memcmp(hash, '''
     tests = ["unit/core/test_partial_hostile", "system/test_paging.py"]

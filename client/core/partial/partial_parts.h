@@ -163,6 +163,22 @@ static inline bool umb__partial_knows(const struct umb_partial *p, uint32_t page
 /* Notes that a page was added or dropped. */
 void umb__partial_note_change(struct umb_partial *p, uint32_t page);
 
+/* Starts a meter of allocated bytes, and makes an allocator that counts with it. In: meter: must
+ * stay at its address. */
+void umb__meter_init(struct umb__meter *meter, const struct umb_alloc *inner, uint64_t limit,
+                     struct umb_alloc *alloc);
+
+/* Fails because the memory budget has no room for `what`. */
+enum umb_status umb__partial_no_memory(struct umb_error *error, const char *what);
+
+/* Records that a page must have the node at a given position of a level. False: out of memory. */
+bool umb__partial_note_link(struct umb_partial *p, uint32_t level, uint32_t page,
+                            uint32_t position);
+
+/* Frees uncompressed pages, else the spares of another version, else the page of the least benefit,
+ * if that is below `benefit`. Returns false if there is none. */
+bool umb__partial_give_way(struct umb_partial *p, double benefit);
+
 /* Takes a held page out. Returns its stored bytes, which the caller owns; NULL: it is not held. */
 uint8_t *umb__partial_release(struct umb_partial *p, uint32_t page);
 

@@ -152,24 +152,6 @@ uint32_t umb__spares_before(const struct umb_partial *p, uint32_t block)
     return p->blocks[before] ? block : before;
 }
 
-bool umb__spares_drop(struct umb_partial *p)
-{
-    const bool any = p->spares != NULL;
-    for (uint32_t block = 0; p->spare_blocks && block < p->head.directory_count; block++) {
-        umb__free(&p->alloc, p->spare_blocks[block]);
-    }
-    umb__free(&p->alloc, (void *)p->spare_blocks);
-    p->spare_blocks = NULL;
-    for (uint32_t i = 0; i < p->spare_count; i++) {
-        umb__free(&p->alloc, p->spares[i].stored);
-    }
-    umb__free(&p->alloc, p->spares);
-    p->spares = NULL;
-    p->spare_count = 0;
-    p->spare_bytes = 0;
-    return any;
-}
-
 /* Moves a page's bytes into the list of spares, as far as the memory budget allows; else they are
  * freed. */
 static void move(struct umb_partial *p, struct umb_partial *from, const uint8_t *hash,
