@@ -126,8 +126,8 @@ static enum umb_status add_three(struct umbc_view_site *site, struct umb_error *
     return UMB_OK;
 }
 
-/* Can a browser do no more with the file than read it? A scene of others may name any file of its
- * folder; a page or a script among them would run with the rights of the site. */
+/* Returns true for the types of files that a browser only reads. A foreign scene may name any file
+ * in its folder; a page or script among these files would run with the rights of the site. */
 static bool is_passive(const char *path)
 {
     static const char *const endings[] = {".glb", ".gltf", ".bin",  ".obj",  ".mtl",
@@ -163,7 +163,8 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
     return status;
 }
 
-/* Returns the last part of a path or an address. What follows ? or # may be a secret. */
+/* Returns the last part of a path or an address, up to ? or #: the text after these may be a
+ * secret. */
 static const char *name_of(const char *target, size_t *length)
 {
     const size_t end = strstr(target, "://") != NULL ? strcspn(target, "?#") : strlen(target);

@@ -3,12 +3,12 @@
 #define UMBRAGE_CLI_CLI_VIEW_SERVER_H
 /*
  * A web server for one user on this machine. It listens on 127.0.0.1 alone, answers GET and HEAD of
- * the files of a site, and requires a Host that is this machine, because a web page elsewhere could
- * reach it under a name of its own (DNS rebinding). Heads are parsed as the daemon parses them
- * (net/http1_request.h).
+ * the files of a site, and requires a Host field that names this machine: otherwise a foreign web
+ * page could reach the server through a host name of its own (DNS rebinding). Heads are parsed as
+ * the daemon parses them (net/http1_request.h).
  *
- * Bounds: 32 connections, 8 KiB a head, 10 s from the begin of a head to its end, 30 s for a peer
- * that takes no byte.
+ * Bounds: 32 connections, 8 KiB a head, 10 s from the first byte of a head to its last, 30 s for a
+ * peer that accepts no bytes.
  */
 #include "cli_view_site.h"
 

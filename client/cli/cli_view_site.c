@@ -27,7 +27,7 @@ static enum umb_status take_part(void *user, size_t index, const void *bytes, si
     return UMB_OK;
 }
 
-/* Reads a part by the reader of pieces that a source without `read` has. */
+/* Reads a part of a body through `read_at`, for sources that have no `read`. */
 static enum umb_status read_pieces(const struct umb_region_source *asset, uint64_t offset,
                                    struct part *part, struct umb_error *error)
 {

@@ -18,8 +18,8 @@
 #define GROWTH_MAX 4.0 /* areas */
 
 /* The density is the number of packed bytes for each estimated byte of nodes. DENSITY_TREND: share
- * of its last change that continues at each doubling. REFERENCES: growth of the density, by
- * references to shared nodes, when copies grow e times. */
+ * of its last change that continues at each doubling. REFERENCES: growth of the density when the
+ * bytes of copies grow by the factor e, because references to shared nodes take bytes. */
 #define DENSITY_TREND 0.8
 #define DENSITY_MIN   0.4
 #define REFERENCES    0.06
@@ -138,7 +138,7 @@ static double bytes_without_copies(const struct umbb_growth_samples *samples, ui
 }
 
 /* Returns the bytes of a file whose pages repeat nodes of other pages, from its bytes without such
- * copies. Copies count not at all if the file surely has none, and half if that is open. */
+ * copies. Copies do not count if the file surely has none, and count half if that is uncertain. */
 static double with_copies(const struct umbb_growth_samples *samples, uint32_t doublings,
                           double bytes)
 {

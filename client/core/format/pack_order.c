@@ -308,7 +308,7 @@ static enum umb_status begin_lowest_band(struct umb__pack_ordering *o,
     const uint32_t page_count = t->order->page_count;
     bool worth = false;
     t->alone = true;
-    /* The canonical block names the last copy of a frustum's root below the band's roots. */
+    /* If a frustum's root lies below the band's roots, the canonical block names its last copy. */
     t->numbers_roots = !has_roots_below(t->octree, UMB__LOWEST_END - 1);
     UMB__TRY(sample_step(&o->roots) == 1 ? visit_all_with_copies(o, &worth)
                                          : sample_copies(t, &o->roots, workers, &worth));

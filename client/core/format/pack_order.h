@@ -43,8 +43,9 @@ struct umb__node_place {
 struct umb__pack_order {
     uint32_t *nodes[UMB_LEVEL_MAX + 1]; /* [ordinal] Number of the node in the octree */
     size_t node_capacity[UMB_LEVEL_MAX + 1];
-    /* [count of the level] Ordinal of each reached node. In independent pages only roots have one,
-     * or, if a frustum's root is below those roots, each node has that of its last copy. */
+    /* [count of the level] Ordinal of each reached node. In independent pages only the roots have
+     * one. But if a frustum's root lies below these roots, every node has one: that of its last
+     * copy. */
     uint32_t *ordinals[UMB_LEVEL_MAX + 1];
     uint32_t page_count;
     uint32_t alone_from; /* First independent page; all later ones are independent too */

@@ -289,7 +289,8 @@ static enum umb_status end_round(struct writer *w)
 }
 
 /* Makes the pages round by round. One thread orders independent pages while the others make those
- * ordered in the round before. Rounds are short, because no page is made in the first one. */
+ * ordered in the round before. Rounds are short, because in the first one pages are only
+ * ordered. */
 static enum umb_status make_rounds(struct writer *w)
 {
     const struct umb_workers *workers = w->job->workers;

@@ -85,7 +85,8 @@ void umbd_conn_leave(struct umbd_conn *conn)
 {
     if (!conn->proven) {
         stranger_unlink(conn);
-        /* Its bytes still to be written count in the daemon's sum only, not in the strangers'. */
+        /* The connection's unsent bytes still count in the daemon's sum, but no longer in that of
+         * the connections without rights. */
         atomic_fetch_sub(&conn->server->stranger_buffered, conn->buffered);
         conn->proven = 1;
     }
