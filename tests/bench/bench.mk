@@ -115,6 +115,10 @@ bench-overload: $(PROGRAMS) $(BUILD)/scenegen ## goodput, memory and recovery at
 bench-http: $(PROGRAMS) $(BUILD)/scenegen ## CPU time of requests over HTTP, beside nginx
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/http_cost.py
 
+query-instructions: $(PROGRAMS) $(BUILD)/scenegen ## instructions of one small Query in the daemon (BEFORE=FOLDER: beside another build)
+	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/query_instructions.py $(BEFORE) $(BUILD)
+.PHONY: query-instructions
+
 bench-deep: $(BUILD)/umbrage-study ## windows over deep maps of hair: searched, linked, streamed
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_deep.py
 
