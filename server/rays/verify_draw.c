@@ -247,7 +247,8 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     return !is_buried(block, &row, high);
 }
 
-/* Half of all boundaries are surfaces, the rest changes along an axis, fewest along the light. */
+/* Finds a boundary of a random kind: half are surfaces met by rays, an eighth are changes along the
+ * light, the others changes across it. Returns 0 if none was found. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;

@@ -140,8 +140,8 @@ static int grant(struct umbd_conn *conn, size_t bytes)
     return 1;
 }
 
-/* Counts bytes of a stranger. If all strangers together exceed their share, the oldest ones are
- * closed after the event. */
+/* Counts bytes of a stranger, a connection without rights. If all strangers together exceed their
+ * share, the oldest ones are closed after the event. */
 static void stranger_charge(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_server *server = conn->server;
