@@ -54,7 +54,8 @@ static void put_text(FILE *file, const void *const *values, size_t light_count, 
     }
 }
 
-/* In: as_list: true: each point gets an array of answers, also for one light. */
+/* Writes the answers of `count` points as JSON. In: as_list: true: each point gets an array of
+ * answers, also for one light. */
 static void put_json(struct umbu_json *json, const void *const *values, size_t light_count,
                      size_t count, bool as_list)
 {

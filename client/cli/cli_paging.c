@@ -33,7 +33,7 @@ struct points {
 
 /* Accuracy of a region's answers. */
 struct figures {
-    /* Number of points whose answers are exact, right within 1 m, and right within 10 cm */
+    /* Numbers of points whose answers are exact, right within 1 m, and right within 10 cm */
     uint64_t exact, within_1m, within_10cm;
     double worst_m; /* largest error of a point in metres; 0: all exact */
 };

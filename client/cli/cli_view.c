@@ -126,8 +126,8 @@ static enum umb_status add_three(struct umbc_view_site *site, struct umb_error *
     return UMB_OK;
 }
 
-/* Can a browser do no more with the file than read it? A scene of others may name any file of its
- * folder; a page or a script among them would run with the rights of the site. */
+/* Returns true for the types of files that a browser only reads. A foreign scene may name any file
+ * in its folder; a page or script among these files would run with the rights of the site. */
 static bool is_passive(const char *path)
 {
     static const char *const endings[] = {".glb", ".gltf", ".bin",  ".obj",  ".mtl",

@@ -199,7 +199,7 @@ static bool decode_path(struct umbn_http1_text path, char out[PATH_BYTES])
     return true;
 }
 
-/* Reads the Range field. Several ranges are answered by the whole file (RFC 9110 allows it). */
+/* Reads the Range field. A request for several ranges gets the whole file, as RFC 9110 allows. */
 static int choose_range(const struct umbn_http1_request *request, struct reply *reply)
 {
     struct umb_range ranges[UMBN_RANGES_MAX];
@@ -223,7 +223,8 @@ static int choose_range(const struct umbn_http1_request *request, struct reply *
     }
 }
 
-/* Sends the bytes of a body. After its head the only honest end of a failure is to close. */
+/* Sends the bytes of a body. If that fails, the caller must close the connection: the status is
+ * already sent, so a short body is the only sign of the failure. */
 static bool send_body(struct connection *connection, struct umbc_view_body *body,
                       const struct reply *reply)
 {
@@ -299,8 +300,8 @@ static bool answer(struct connection *connection, const struct umbn_http1_reques
     return sent && reply.keeps_open;
 }
 
-/* Receives until a head is complete. Returns its size; 0: the peer left, was too slow, or its head
- * is refused. Out: refusal: the status of that, or 0. */
+/* Receives until a head is complete. Returns its size; 0 if the peer closed the connection, was too
+ * slow, or sent a head that is refused. Out: refusal: HTTP status for a refused head, else 0. */
 static size_t receive_head(struct connection *connection, int *refusal)
 {
     const double stop_s = umbu_clock_s() + HEAD_S;
@@ -327,8 +328,8 @@ static size_t receive_head(struct connection *connection, int *refusal)
     }
 }
 
-/* Reads and discards for a while: a close with unread bytes would reset the connection, and the
- * peer could lose the refusal. */
+/* Reads and discards for a while. A close with unread bytes would reset the connection, and the
+ * peer might not receive the refusal. */
 static void linger(struct connection *connection)
 {
     static const struct linger reset = {.l_onoff = 1};

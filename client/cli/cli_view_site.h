@@ -36,14 +36,14 @@ struct umbc_view_body {
     uint64_t size;
 };
 
-/* Begins a site with an asset: reads its head. Fails: E_UNSUPPORTED (no packed file), as the
- * source. The caller calls finish in every case. */
+/* Begins a site with an asset, and reads the asset's head. Fails: E_UNSUPPORTED (not a packed
+ * file), or as the source. Call umbc_view_site_finish also after a failure. */
 UMB_CHECKED enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
                                                  const struct umb_region_source *asset,
                                                  struct umb_error *error);
 
-/* Adds a file: from a path, from bytes (owned from then on, also after a failure), or, with
- * neither, the asset. Fails: E_LIMIT, E_NO_MEMORY. */
+/* Adds a file. Its content is a file on disk (`source`), or bytes (owned by the site from then on,
+ * also after a failure), or, with neither, the asset. Fails: E_LIMIT, E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbc_view_site_add(struct umbc_view_site *site, const char *path,
                                                const char *source, char *bytes, size_t size,
                                                struct umb_error *error);
@@ -62,7 +62,7 @@ UMB_CHECKED enum umb_status umbc_view_body_open(struct umbc_view_site *site,
                                                 struct umbc_view_body *body,
                                                 struct umb_error *error);
 
-/* Reads bytes of a body, all of them. Fails: E_IO, E_TRUNCATED, as the asset's source. */
+/* Reads exactly `size` bytes of a body. Fails: E_IO, E_TRUNCATED, or as the asset's source. */
 UMB_CHECKED enum umb_status umbc_view_body_read(struct umbc_view_body *body, uint64_t offset,
                                                 uint8_t *bytes, size_t size,
                                                 struct umb_error *error);

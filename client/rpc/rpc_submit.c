@@ -24,7 +24,7 @@ struct upload {
     uint8_t *piece; /* [PIECE_BYTES] */
     int fd;         /* Descriptor of the file being sent, -1 = none */
     size_t next;    /* Index of the next file to send */
-    /* Bytes of the file that are still to be sent; in all as many are sent as were hashed */
+    /* Bytes of the file still to be sent. Exactly as many bytes are sent as were hashed */
     uint64_t left;
     uint64_t sent, total;
     struct umb_error error;

@@ -91,7 +91,7 @@ struct umbu_option {
     const char *unit;    /* Unit that may follow a number, as "deg" */
     double scale;        /* Factor from the number to the field, 0 = 1 */
     umbu_read_fn read;   /* Reader of UMBU_KIND_READ, or check of one text of UMBU_KIND_LIST */
-    /* Words for what `read` accepts; messages of refusal put "give " before them */
+    /* Words for the values that `read` accepts; error messages put "give " before them */
     const char *expects;
     const char *standard;  /* Default value, read like any other; NULL leaves the field at zero */
     const char *otherwise; /* Default in words, where it is no constant; for --help */
@@ -246,8 +246,8 @@ enum umb_status umbu_read_bias(const struct umbu_option *option, const char *tex
 #define UMBU_BIAS                                                                                  \
     UMBU_READ(umbu_read_bias, "auto, none, or a number from 0 to 1e6 with vox or m, as 1.5vox")
 
-/* Option reader: the name of a file or folder, of 1 to 4095 bytes and not "-", into a const char *.
- * */
+/* Option reader: the name of a file or folder, of 1 to 4095 bytes and not "-", into a const char
+ * *. */
 enum umb_status umbu_read_name(const struct umbu_option *option, const char *text, void *field,
                                struct umb_error *error);
 #define UMBU_NAME(expects_) UMBU_READ(umbu_read_name, expects_)

@@ -59,8 +59,8 @@ static int take_number(struct rest *rest, uint64_t *number)
     return rest->at > from;
 }
 
-/* Takes FIRST-LAST, FIRST- or -LENGTH. Out: range: length 0 if it has no byte of the file. Returns
- * 0 if it is malformed. */
+/* Reads one range: FIRST-LAST, FIRST- or -LENGTH. Out: range: its length is 0 if it contains no
+ * byte of the file. Returns 0 if it is malformed. */
 static int take_range(struct rest *rest, uint64_t size, struct umb_range *range)
 {
     uint64_t first = 0, last = UINT64_MAX;

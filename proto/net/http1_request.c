@@ -262,8 +262,8 @@ static int take_field(struct fields *fields, struct umbn_http1_text name,
     return take_framing(fields, name, value);
 }
 
-/* NAME ":" OWS VALUE OWS. A line that begins with a blank would continue the line before it, which
- * is refused: so is a blank before the colon. */
+/* Reads a field line: NAME ":" OWS VALUE OWS. Refuses a blank before the colon, and a line that
+ * begins with a blank, which would continue the line before it. */
 static int parse_field(struct fields *fields, struct umbn_http1_text line)
 {
     struct cursor cursor = {line.bytes, line.bytes + line.size};

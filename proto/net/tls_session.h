@@ -40,8 +40,9 @@ UMB_CHECKED enum umb_status umbn_tls_create(SSL *session, umbn_records_fn sink, 
                                             struct umbn_tls **tls);
 void umbn_tls_destroy(struct umbn_tls *tls); /* NULL is allowed */
 
-/* The protocol is HTTP/1.1, which a peer may also mean that offers no protocol (ALPN). Without this
- * call it is HTTP/2, which both peers must name. Call it before the first umbn_tls_open. */
+/* Sets the protocol to HTTP/1.1. A peer that offers no protocol (ALPN) is then accepted, too.
+ * Without this call the protocol is HTTP/2, which both peers must name. Call it before the first
+ * umbn_tls_open. */
 void umbn_tls_take_http1(struct umbn_tls *tls);
 
 /* Returns OpenSSL's session, borrowed, to read certificates and results. */

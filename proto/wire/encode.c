@@ -57,8 +57,8 @@ static void put_bytes(struct sink *sink, const void *bytes, size_t size)
     sink->size += size;
 }
 
-/* Writes a varint of several bytes. Such rare work stands apart: its caller saves no registers for
- * it. */
+/* Writes a varint of several bytes. It is rare, and a function of its own so that the caller need
+ * not save registers for it. */
 static __attribute__((noinline)) void put_long(struct sink *sink, uint64_t value)
 {
     uint8_t unused[10] UMB__UNSET;

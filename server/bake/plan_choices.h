@@ -72,10 +72,9 @@ UMB_CHECKED enum umb_status umbb_packed_forecast(const struct umbb_small_job *jo
                                                  struct umb_error *error);
 
 /*
- * Finds what sharp BLEND materials (scene_alpha.h) take as they are and as cut-outs, if the scene
- * has translucent triangles of such materials and the options leave open what becomes of them. Sets
- * the analysis's sharp_price.
- *
+ * Finds the bytes that sharp BLEND materials (scene_alpha.h) take as translucent casters and as
+ * cut-outs, and sets the analysis's sharp_price. It does so only if the scene has translucent
+ * triangles of such materials and the options do not choose between the two.
  * In:    job: packed is 1. working_bytes: limit of the memory for transmittance maps.
  * Fails: the errors of umbb_analysis_run, umbb_small_bake and umbb_transmittance_bake.
  * Cost:  a second analysis, forecasts of both, and the maps.

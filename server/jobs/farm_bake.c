@@ -188,7 +188,7 @@ static int has_any(const struct stage *stage)
 }
 
 /* Notes that the farm refused `first` and maybe more tasks, or that its answer was lost. The
- * submission is repeated in later rounds. It fails the stage only after a long time, and never
+ * submission is repeated in later rounds. Refusals fail the stage only after a long time, and never
  * while tasks of this stage are queued or running: the farm may be waiting for their places. */
 static enum umbj_failure note_refusal(struct stage *stage, uint32_t first, enum umb_status status,
                                       const struct umb_error *error)

@@ -232,8 +232,9 @@ UMB_CHECKED enum umb_status umbj_table_asset(struct umbj_table *table, const uin
 UMB_CHECKED enum umb_status umbj_table_disown(struct umbj_table *table, const uint8_t *asset,
                                               const char *owner, struct umb_error *error);
 
-/* Finds an asset without owners. umbj_table_forget removes the rows of such an asset, whose file is
- * gone, and of its bakes, unless the asset has an owner again. Fails: E_NOT_FOUND. */
+/* umbj_table_unowned finds an asset without owners. umbj_table_forget removes the rows of such an
+ * asset, after its file was removed, and the rows of its bakes. It removes nothing if the asset has
+ * an owner again. Fails: E_NOT_FOUND. */
 UMB_CHECKED enum umb_status umbj_table_unowned(struct umbj_table *table,
                                                uint8_t asset[UMBJ_HASH_BYTES],
                                                struct umb_error *error);

@@ -297,7 +297,8 @@ enum umb_status umbj_upload_accept(struct umbj_upload *upload, struct umb_error 
         return fail_io(error, "keep", "the bundle");
     } /* If the folder exists, an earlier bundle of this key has the same bytes, and this one is not
          needed. */
-    /* An existing bundle is synced too: its upload may not have synced its name yet. */
+    /* An existing bundle is synced too: the upload that made it may not have synced its name
+     * yet. */
     return umbu_folder_sync_at(upload->jobs, "bundles") == 0 ? UMB_OK
                                                              : fail_io(error, "sync", "bundles");
 }

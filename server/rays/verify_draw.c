@@ -205,8 +205,9 @@ static int is_buried(const struct umbr_verify_block *block, const struct row *ro
     return buried;
 }
 
-/* Walks a random row; returns 1 and the boundary between two neighbouring voxels that differ, or 0
- * if no two stations differ or the change is buried. */
+/* Samples a random row of voxels at STATIONS places. Returns 1 and a boundary between two
+ * neighbouring voxels that differ, or 0 if all samples are equal or the boundary is inside a
+ * solid. */
 static int find_change(struct umbr_verify_block *block, int axis, double boundary[3])
 {
     struct row row = {.axis = axis};
@@ -246,7 +247,8 @@ static int find_change(struct umbr_verify_block *block, int axis, double boundar
     return !is_buried(block, &row, high);
 }
 
-/* Half of all boundaries are surfaces, the rest changes along an axis, fewest along the light. */
+/* Finds a boundary of a random kind: half are surfaces met by rays, an eighth are changes along the
+ * light, the others changes across it. Returns 0 if none was found. */
 int umbr_verify_boundary(struct umbr_verify_block *block, uint64_t *walks, double boundary[3])
 {
     const uint64_t kind = umbr_next_random(block) % 8;
@@ -301,8 +303,8 @@ static int lift(const struct umbr_verify_block *block, const double normal[3], d
     return fabs(facing) > GRAZING;
 }
 
-/* Finds a point just off a surface by a ray along the light from somewhere in the box; 0 if the ray
- * meets none. */
+/* Finds a point just off a surface, by a ray along the light from a random point of the box.
+ * Returns 0 if the ray meets no surface. */
 static int find_receiver(struct umbr_verify_block *block, struct umbr_sample *sample)
 {
     const double *light = block->job->light.direction, *origin = block->job->origin;

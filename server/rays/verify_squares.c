@@ -22,7 +22,8 @@ enum {
 /* Voxels that may be judged one by one, of all squares together. */
 #define JUDGED_MAX ((uint64_t)1 << 20)
 
-/* Share of a voxel by which a depth may be wrong in floats without a look at the voxel itself. */
+/* Error of a depth in floats that is tolerated, in voxels. Only voxels that contradict their column
+ * by more are judged one by one. */
 #define DEPTH_SLACK 1e-3
 
 /* What rays say about the columns of a square, in voxels along the light. */

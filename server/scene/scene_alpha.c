@@ -287,7 +287,7 @@ static struct umbs_alpha_range alpha_range(const struct finder *f,
     return triangle_range(f, material->texture, uv);
 }
 
-/* Classifies triangle number `at` of the flattened scene, of a translucent material. */
+/* Classifies triangle number `at` of the flattened scene, which has a translucent material. */
 static enum umb_status judge_translucent(struct finder *f, size_t at, const float uv[3][2],
                                          uint32_t number, struct umb_error *error)
 {

@@ -19,8 +19,8 @@
  * materials, 0 or 1 by the cut-off of MASK ones, and 1 otherwise. Their triangles have the same
  * three classes: opaque all over, clear all over, or tested.
  *
- * A BLEND material is *sharp* if nearly all texels of its triangles are clear or opaque, as those
- * of leaves are whose exporter knew no cut-outs. It can be taken as a cut-out with the cut-off 0.5.
+ * A BLEND material is *sharp* if nearly all texels of its triangles are clear or opaque, as in
+ * leaves from an exporter without cut-outs. It can be taken as a cut-out with the cut-off 0.5.
  *
  *     umbs_cuts_find(&scene->view, &cuts, &error);
  *     ... umbs_cut_keeps(&cuts, cuts.of[triangle], u, v) ...

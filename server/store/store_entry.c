@@ -225,8 +225,8 @@ int umbs_entry_is_replaced(const struct umbs_entry *entry)
     return atomic_load(&entry->replaced);
 }
 
-/* Returns 1 if the head of an open file carries the entry's id. A copy of the asset with another
- * stamp serves as well, because the receiver verifies its pages. */
+/* Returns 1 if the head of an open file carries the entry's id. Another file with the same asset
+ * serves as well, because the receiver verifies its pages. */
 static int is_of(const struct umbs_entry *entry, int fd, uint64_t *size)
 {
     uint8_t head[UMB__HEAD_SIZE];

@@ -28,7 +28,8 @@
 static const char *const way_names[WAYS] = {"uniform", "slice", "scene",
                                             "lispsm",  "cube",  "paraboloid"};
 
-/* Directions of the maps around a lamp: the faces of a cube; the first two also of paraboloids. */
+/* Directions of the maps around a lamp: the six faces of a cube. The first two are also those of
+ * the paraboloids. */
 static const struct {
     const char *name;
     double forward[3], up[3];

@@ -23,7 +23,7 @@
 #define LIGHT(count) .settings.technique = UMB_MAP_MOMENTS, .settings.terms = (count)
 #define LOGS(count)  .settings.technique = UMB_MAP_ABSORBANCE, .settings.terms = (count)
 
-/* The maps of moments; the parameter of each family grows down the table. */
+/* Rows of the maps of moments. In each family of maps the parameter grows from row to row. */
 static const struct moment_row {
     const char *name;
     struct umb_map_settings settings; /* without blur */

@@ -60,8 +60,8 @@ static inline int umbt_compare_doubles(const void *a, const void *b)
 #define UMBT_LEAST_RUNS    3    /* runs that decide the spread */
 
 /*
- * A time by the least of several runs. Interrupts, a neighbour on the core and cold caches only add
- * to the CPU time of equal work, so the least run is the nearest to the truth.
+ * Time of a computation: the least of several runs. Interrupts, a neighbour on the core and cold
+ * caches only add to the CPU time of equal work, so the least run is the nearest to the truth.
  */
 struct umbt_time {
     double ns;

@@ -3,9 +3,9 @@
  * The samples of a study and their truth (study.h).
  *
  * The distance of a surface point to the true shadow boundary comes from rays that start in its
- * tangent plane, in 16 directions and ever farther out, until one has another truth. Then the
- * distance is narrowed by halving. Where the surface bends away from its tangent plane the distance
- * is an estimate from below, because any other surface close by counts too.
+ * tangent plane, in 16 directions and ever farther out, until the truth of one differs from the
+ * point's. Halving then narrows the distance. Where the surface bends away from its tangent plane
+ * the distance is an estimate from below, because any other surface close by counts too.
  */
 #include "study/study.h"
 

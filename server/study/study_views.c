@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pictures of a study (study.h): one view by each resolution, and its difference from rays. */
+/* The pictures of a study (study.h): the same view, drawn from the asset of each resolution, and
+ * its difference from rays. */
 #include "study/study.h"
 
 #include <stdio.h>

@@ -80,8 +80,8 @@ struct umbt_seam {
     double distance_m; /* of the split along the view */
     size_t points;     /* number of visible points on the seam */
     double contrast;   /* contrast C of the layer behind the seam */
-    /* Root mean square of the jump of the answers from layer to layer: with C = 1 everywhere, and
-     * with the layers' contrasts. */
+    /* Root mean square of the jump of the answers from one layer to the next: with contrast C = 1
+     * for all layers, and with the contrasts that were found. */
     double before, after;
 };
 

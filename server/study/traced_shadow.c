@@ -329,9 +329,9 @@ static float disc_visibility(const struct umbt_truth *truth, const double from[3
 }
 
 /*
- * Finds the start of a ray: the surface that the eye sees at `at` across the view from `from`, off
- * that surface. Returns 0 if it sees another surface: one more than `depth_m` before or behind the
- * plane of the receiver.
+ * Finds the start of a ray. `at` is an offset across the view from the receiver `from`: the eye
+ * looks at this place, and the start is a point just off the surface that it sees there. Returns 0
+ * if that is another surface, more than `depth_m` before or behind the plane of the receiver.
  */
 static int footprint_start(const struct umbt_truth *truth, const double from[3],
                            const double normal[3], double depth_m, double at[3])

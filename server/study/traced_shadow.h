@@ -2,8 +2,9 @@
 #ifndef UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 #define UMBRAGE_SERVER_STUDY_TRACED_SHADOW_H
 /*
- * Shadows by rays, the reference for an asset's pictures. A ray that meets no opaque caster brings
- * the product of what the translucent casters on it let through.
+ * Shadows traced with rays, the reference for an asset's pictures. A ray that meets no opaque
+ * caster carries the product of the shares of light that the translucent casters on its way let
+ * through.
  *
  * Five references, each towards the light from points outside the surface, 0 where the normal faces
  * away:
@@ -19,8 +20,8 @@
  *   includes everything: resolution, bias and filter.
  * - UMBT_TRUTH_DISC, the default for penumbras: samples x samples rays from the surface, spread
  *   evenly over the light: its disc (the concentric map of Shirley and Chiu 1997), its rectangle,
- *   or the disc across the way to a spot or point light. The remaining difference includes
- *   everything.
+ *   or, for a spot or point light, a disc perpendicular to the direction towards the light. The
+ *   remaining difference includes everything.
  * - UMBT_TRUTH_FOOTPRINT: samples x samples rays from the surface that the pixel around the point
  *   covers, by settings.eye and settings.pixel_rad: where the eye's rays meet the scene. Surfaces
  *   more than a pixel's width before or behind the point's plane do not count. The remaining
@@ -46,7 +47,8 @@ struct umbt_truth {
     enum umbt_truth_kind kind;
     struct umb_query_settings settings;
     uint32_t samples;   /* AREA, DISC and FOOTPRINT: rays a side, 1..64 */
-    double extent;      /* DISC: angular diameter of parallel light in radians; lamps have theirs */
+    double extent;      /* DISC: angular diameter of parallel light in radians; not for lamps, which
+                           have extents of their own */
     double to_light[3]; /* unit; of parallel light */
     int by_normal; /* 1: the automatic bias moves along the normal, as that of shadow maps does */
     const struct umb_light_info *lamp; /* a spot or point light, borrowed; NULL: parallel light */

@@ -10,7 +10,8 @@ import * as gpu from "/package/gpu.js";
 const WIDTH = 1280;
 const FILTERS = { box: 0, tent: 1, coarse: 2 };
 
-// The same in both languages. alike: at the given voxel.
+// The same shader in both languages. alike: 1 = answers at the given voxel instead of the shader's
+// own.
 const GLSL = `#version 300 es
 precision highp float;
 precision highp int;

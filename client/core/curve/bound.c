@@ -54,7 +54,8 @@ static void parts_of(const struct umb_frustum_info *frustum, uint32_t level, uin
     reach_edges(frustum, level, taps, edges);
     if (umb__is_perspective(frustum)) {
         edges[2] *= slant(frustum, taps, &growth);
-        /* The ray leans across the window, too, so the edges add up instead of spanning a box. */
+        /* The ray is oblique to the window, so the longest reach is the sum of the edges, not the
+         * diagonal of a box. */
         *look_up = 0.5 * (edges[0] + edges[1] + edges[2]);
     } else {
         *look_up = 0.5 * sqrt(umb__dot(edges, edges));

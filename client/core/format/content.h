@@ -55,7 +55,7 @@ static inline int umb__is_perspective(const struct umb_frustum_info *frustum)
     return w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
 }
 
-/* The linear part of a perspective frustum, as umb__content_check proves it. */
+/* The linear part of a perspective frustum that umb__content_check has accepted. */
 struct umb__perspective {
     double axis[3];       /* World vector that changes W by 1, and X and Y not at all */
     double scale, offset; /* Coefficients of W = scale Z + offset, where Z is the depth in voxels.

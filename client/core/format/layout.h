@@ -105,7 +105,7 @@ enum {
 #define UMB__COUNTS_SIZE  152U /* Counts of levels 3..20, then bytes_2014 */
 #define UMB__ROOT_SIZE    16U
 #define UMB__CURVE_SIZE   40U
-/* Limit of a window's nodes and of its cache lines: more than 17 texels can touch */
+/* Limit of a window's nodes and of its cache lines: more than a window of 17 texels can touch */
 #define UMB__CURVE_READS_MAX 1024U
 #define UMB__TOP_SIZE        32U
 #define UMB__MUST_UNDERSTAND 1U

@@ -283,9 +283,9 @@ static enum umb_status take_octree(struct reader *r, const struct umb__canonical
     return status;
 }
 
-/* Returns the bytes of everything but the pool: raw and parsed pages, numbers of nodes, tables,
- * roots. Each leaf, and each node in another page, takes at least one byte of a page, so the length
- * of the longest page limits both tables. */
+/* Returns the bytes of everything but the node pool: raw and parsed pages, numbers of nodes,
+ * tables, roots. Each leaf, and each node in another page, takes at least one byte of a page, so
+ * the length of the longest page limits both tables. */
 static uint64_t page_bytes(const struct umb__head *head, uint32_t root_count, uint64_t raw_total)
 {
     uint64_t bytes =

@@ -432,8 +432,8 @@ enum umb_status umb_cascades_match(struct umb_cascade_seam *seam, const struct u
     seam->contrast = 1.0;
     enum umb_status status = seam_difference(seam, 1.0, points, scratch, &seam->difference, error);
     seam->after = seam->difference;
-    /* A step compares two places. Each step but the first computes one of them; the other is from
-     * the step before. */
+    /* A step compares the differences at two places. The first step computes both. A later step
+     * computes one; the other is known from the step before. */
     for (int step = 0, k = 1; step < 22 && status == UMB_OK; step++) {
         status = seam_difference(seam, exp2(at[k]), points, scratch, &value[k], error);
         if (status == UMB_OK && value[k] < seam->after) {

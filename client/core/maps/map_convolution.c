@@ -72,8 +72,9 @@ static double convolution_answer(const struct umb__map_query *query,
     return fmin(fmax(2.0 * sum, 0.0), 1.0);
 }
 
-/* Returns the error of an answer if each channel is off by at most `error`. The series is then off
- * by the sum of 2 error * 2 / w_k, and the answer by twice as much. */
+/* Returns the error of an answer if each channel is off by at most `error`. Term k has two channels
+ * and the factor 2 / w_k, so the series is off by at most the sum of 2 error * 2 / w_k. The answer
+ * is twice the series. */
 static double convolution_slack(const struct umb_map *map)
 {
     const double error = umb__channel_error(&map->settings);

@@ -57,8 +57,8 @@ static void fill_level(const struct umb__page *page, uint32_t l, struct umb__exp
     level->count = page->node_count[l];
 }
 
-/* Finds the nodes of a level below which everything is in the page. In: nodes: with the level
- * below. / */
+/* Finds the nodes of a level below which everything is in the page. In: nodes: complete for the
+ * level below. */
 static void find_closed(struct umb__expanded *nodes, uint32_t l)
 {
     struct umb__expanded_level *level = &nodes->level[l];

@@ -33,7 +33,8 @@ static uint64_t node_entries(const struct umb__view *view)
     return (view->node_words + NODE_WORDS - 1) / NODE_WORDS;
 }
 
-/* Returns the share of nodes, of about four entries each, in the whole asset's nodes and bricks. */
+/* Estimates the share of nodes, at about four entries each, in the entries for the whole asset's
+ * nodes and bricks. */
 static double node_share(const struct umb_asset *asset)
 {
     const uint64_t *counts = asset->canonical.counts;

@@ -92,7 +92,7 @@ uint32_t umb__partial_worst(struct umb_partial *p)
     return p->heap_count > 0 ? p->heap[0] : UINT32_MAX;
 }
 
-/* --- pages -------------------------------------------------------------------------------------- */
+/* --- pages ------------------------------------------------------------------------------------ */
 
 /* Returns a page's links, made at the first call; NULL: out of memory. */
 static struct umb__links *links_of(struct umb_partial *p, uint32_t page)

@@ -54,7 +54,8 @@ static struct umb__lack explain(const struct bracket *b, size_t i, double *error
     return lack;
 }
 
-/* Estimates the answer of point i, which both assets answer differently. */
+/* Estimates the answer of point i, for which the lower and the upper asset give different
+ * answers. */
 static void settle(const struct bracket *b, size_t i, float low, float high)
 {
     struct umb_partial_answers *a = b->answers;

@@ -10,9 +10,9 @@
  *
  * In a face of a lamp a coordinate is W (d + ex x + ey y), where W is linear in z. Both factors are
  * monotone, and so is their product over a range of one factor. So the extremes are at corners
- * again, four of which must be tried. Voxels for whose place another face answers are left out. The
- * face answers where no other face has a larger W. The ratio of another face's W to its own W is
- * linear in x and y, so that the test is again one of a linear function.
+ * again, four of which must be tried. A voxel is left out if another face answers there, which is
+ * the face with the larger W. The ratio of the two W is linear in x and y, so this test is also one
+ * of a linear function.
  */
 #include "query/volume_parts.h"
 
@@ -22,8 +22,8 @@ struct face {
     double scale, offset; /* W = scale z + offset */
     double position[3];   /* Position of the light, minus the asset's origin */
     uint32_t other_count;
-    double others[UMB__FACES_MAX][3]; /* W of another face for each unit of the own W: constant
-                                         part, and parts for each texel of x and of y */
+    double others[UMB__FACES_MAX][3]; /* W of another face per unit of this face's W: constant part,
+                                         and increase per texel of x and of y */
     double limits[UMB__FACES_MAX];    /* Limits: below them the own face answers */
 };
 
@@ -150,8 +150,8 @@ static enum cover slab_cover(const struct count *count, unsigned axis, const int
     return w.least >= min && w.most < max ? COVER_ALL : COVER_SOME;
 }
 
-/* Returns for which of the voxels low..high (inclusive) the own face answers, and not one other
- * face: all, some or none. */
+/* Compares the own face with one other face: returns whether the own face answers for all, some or
+ * none of the voxels low..high (inclusive). */
 static enum cover other_cover(const struct count *count, uint32_t other, const int32_t low[3],
                               const int32_t high[3])
 {

@@ -15,8 +15,8 @@ struct umb__occluders {
     struct umb__tree tree;
     const uint32_t *occluder_depth; /* Occluder depth map; NULL: columns stay shadowed */
     uint32_t occluder_depth_root;   /* Root of the frustum in that map */
-    uint32_t last;                  /* Depth of the last occluder, which is often near the next
-                                       one's; UINT32_MAX at first */
+    uint32_t last;                  /* Depth of the occluder found last, a good guess for the next
+                                       column; UINT32_MAX at first */
     struct umb_volume_stats read;   /* Counts, added to */
 };
 

@@ -2,10 +2,11 @@
 /*
  * The placement of umbrage/gpu.h: world_to_voxel as whole numbers.
  *
- * A shader has floats of 24 bits, and its compiler may reorder them. So it takes a position to
- * whole numbers, P = trunc(p 2^s), and computes V = T + sum(A P) in 64 bits; the voxel is V / 2^e.
- * s, e and A are chosen so that |P| and |A| are below 2^30. Each A is off by half at most, each P
- * by one, and by one more if the bias moves the position. With m the row of voxels a metre:
+ * The floats of a shader have 24 bits of precision, and its compiler may reorder operations. So the
+ * shader converts a position to whole numbers, P = trunc(p 2^s), and computes V = T + sum(A P) in
+ * 64 bits; the voxel is V / 2^e. s, e and A are chosen so that |P| and |A| are below 2^30. Each A
+ * is off by half at most, each P by one, and by one more if the bias moves the position. With m the
+ * row of voxels a metre:
  *
  *     |V / 2^e - v| <= 3/2 2^(30 - e) + 2 (|m0| + |m1| + |m2|) 2^-s + 2^-e
  *
@@ -25,8 +26,9 @@
 #define SHIFT_MOST  60
 #define MARGIN      2.0 /* Positions may be so many times as far from 0 as the frustum's corners */
 
-/* Errors of floats, relative to the longest lift and the steepest slope (2^-19: a sum of three
- * products, a quotient and the constants of the bias), and of the move along the normal. */
+/* Errors of the shader's floats. The first is relative to the longest lift and the steepest slope:
+ * a sum of three products, a quotient and the constants of the bias. The second is that of the
+ * rounded lift, in voxels. */
 #define FLOAT_ERROR 0x1p-19
 #define LIFT_ERROR  0x1p-12
 
@@ -142,7 +144,7 @@ static void set_vector(const double vector[3], double fourth, float out[4])
     out[3] = (float)fourth;
 }
 
-/* Returns the greatest number of a row, as a binary exponent: it is below 2^exponent. */
+/* Returns the least binary exponent such that all numbers of a row are below 2^exponent. */
 static int size_of(const double row[4])
 {
     int exponent;
@@ -150,8 +152,9 @@ static int size_of(const double row[4])
     return exponent;
 }
 
-/* Chooses the scales. x and y share one, and under a directional light z, too, since all three are
- * voxels. Other lights divide x and y by W, and W has a scale of its own. */
+/* Chooses the scale of each row of the transform. x and y share a scale. Under a directional light
+ * z has the same one, because all three are voxels. Under other lights x and y are divided by W,
+ * and z and W have scales of their own. */
 static enum umb_status choose_scales(const struct transform *t,
                                      const struct umb_frustum_info *frustum, bool is_lamp,
                                      struct scales *scales, struct umb_error *error)
@@ -243,7 +246,7 @@ static void set_precision(const struct transform *t, const struct umb_frustum_in
     double across = fmax(error_of(t, scales, 0), error_of(t, scales, 1));
     double depth = error_of(t, scales, 2);
     if (is_lamp) {
-        /* W at the far side: depth is linear along the axis, and W rises by 1 a metre. The divisor
+        /* `far` is W at the far side, from the linear relation of depth and W. The shader's divisor
          * is cut to 31 bits. */
         const double *row = frustum->world_to_voxel[2], *axis = frustum->world_to_voxel[3];
         const double slope = umb__dot(row, axis) / umb__dot(axis, axis);

@@ -136,7 +136,8 @@ static inline void umb__ask(const struct umb__query *q, struct umb__descent *poi
     UMB__PREFETCH(points->level > UMB_LEVEL_BRICK ? q->nodes + number : q->bricks[number]);
 }
 
-/* Advances both blocks by a stage: one asks, while the other looks at its next level. */
+/* Advances two blocks by one stage. Block `asks` reads the numbers of its next nodes and prefetches
+ * these nodes; block `looks` finds its children on the level below. */
 static inline void umb__step_both(const struct umb__query *q, struct umb__descent *asks,
                                   struct umb__descent *looks, struct umb_query_stats *stats)
 {

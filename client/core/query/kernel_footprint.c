@@ -21,7 +21,7 @@
 #include "query/slice_count.h"
 #include "query/stages.h"
 
-#define CHUNK   512U /* Points whose windows are answered at a time; whole bytes of bit answers */
+#define CHUNK   512U /* Points whose windows are answered at a time; a multiple of 8, for bits */
 #define SAMPLES UMB__SQUARE_SAMPLES
 
 /* Some points while they are answered: answer = near + weight * (far - near). */

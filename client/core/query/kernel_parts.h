@@ -79,8 +79,8 @@ static inline uint64_t umb__select(uint64_t which, uint64_t a, uint64_t b)
     return b ^ ((a ^ b) & (0 - which));
 }
 
-/* Returns the place in a node of the number of the child at `bit`. If that child is not mixed,
- * returns any place within the node. */
+/* Returns the address of the child number at `bit` of a node. A child that is not mixed has no
+ * number; the result is then the node's first word, which is safe to read. */
 static inline const uint32_t *umb__child_place(const uint64_t *node, unsigned bit)
 {
     uint64_t below = ((uint64_t)1 << bit) - 1;

@@ -125,8 +125,8 @@ static inline double umb__wide_mover_init(const struct umb__query *q,
     return light < UMB__FLOATS_MOST ? longest : INFINITY;
 }
 
-/* Returns the slack for normals: a power of two. In: voxels: greatest length of a bias in voxels.
- * */
+/* Returns the slack for normals: a power of two. In: voxels: greatest length of a bias in
+ * voxels. */
 static inline int32_t umb__wide_slack(const struct umb__query *q,
                                       const struct umb__wide_placer *placer, double voxels)
 {
@@ -336,8 +336,8 @@ static inline __m512d umb__reciprocal(__m512d a)
     return r * _mm512_fnmadd_pd(a, r, two);
 }
 
-/* Moves points along their normals by the rest of the longest lift. In: more: points with a rest.
- * */
+/* Moves points along their normals by the rest of the longest lift. In: more: points with a
+ * rest. */
 static inline void umb__move_eight(const struct umb__wide_placer *placer, const __m512d n[3],
                                    __mmask8 more, __m512d rest, struct umb__eight_steps *to)
 {
@@ -421,8 +421,9 @@ UMB__INLINE void umb__step_sixteen(const struct umb__wide_placer *placer, const 
     to->usable &= (__mmask16) ~(first | second << 8) | to->away;
 }
 
-/* Computes the voxel coordinates of eight points in fixed point (see the file's first comment).
- * Returns the least fractions. steps: NULL for points without normals. */
+/* Computes the voxel coordinates of eight points in fixed point (see the file's first comment). In:
+ * steps: moves of the points; NULL for points without normals. Returns the least fraction of each
+ * point. */
 static inline __m512i umb__fix(const struct umb__wide_placer *placer, const __m512d p[3],
                                const struct umb__eight_steps *steps, __m512i fixed[3])
 {

@@ -9,8 +9,8 @@
  *
  * Lanes are vectors that take the operators of C. A file includes kernel_lanes_avx2.h (four lanes),
  * kernel_lanes_avx512.h (eight) or kernel_lanes_simd128.h (two) before this one. With few lanes it
- * pays to ask whether a mask has none or all of them (UMB__LANES_NONE, UMB__LANES_ALL) and to skip
- * what only the others need; with many lanes both are always false.
+ * pays to test whether a mask selects no lane or every lane (UMB__LANES_NONE, UMB__LANES_ALL), and
+ * to skip the work for the lanes that are not there. With many lanes both tests are always false.
  */
 #include "query/kernel_parts.h"
 
@@ -22,8 +22,8 @@ struct umb__lane_placer {
     umb__lanes offset[3]; /* The batch's origin minus the asset's */
     umb__lanes push[3];   /* Bias towards the light, for points without a normal */
     umb__lanes to_voxel[3][4];
-    umb__lanes voxel_step[3][3]; /* World vectors of voxels, for points with normals; `direction` is
-                                    for these, too */
+    umb__lanes voxel_step[3][3]; /* World vectors of a voxel. This and `direction` serve points with
+                                    normals only */
     umb__lanes direction[3];
     umb__eight half;  /* Number of texels before a window's centre */
     umb__eight reach; /* Number of texels from a window's first to its last */

@@ -127,8 +127,8 @@ UMB__INLINE uint64_t umb__enter_heads(const struct umb__query *q, const struct u
     return unsettled & heads->todo;
 }
 
-/* Finds the children of `level` of the heads' nodes. For heads this function does what
- * umb__enter_children does for points. */
+/* Finds the children of `level` of the nodes of run heads (kernel_runs.h), as umb__enter_children
+ * does for points. */
 UMB__INLINE uint64_t umb__step_heads(const struct umb__query *q, const struct umb__block *heads,
                                      uint32_t level, bool brick, const uint64_t *at[UMB__BLOCK])
 {

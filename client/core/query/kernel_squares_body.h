@@ -37,8 +37,8 @@ struct sample_groups {
     uint32_t count;
     uint32_t points; /* Bit p: a group is of point p */
     uint8_t point[GROUPS + 1];
-    uint32_t number[GROUPS + 1]; /* Number of the node or brick. In a group of a first cube: number
-                                    of a sample in that cube */
+    uint32_t number[GROUPS + 1]; /* Number of the group's node or brick. In a group made from a
+                                    first cube: number of one of its samples */
     uint64_t samples[GROUPS + 1];
 };
 

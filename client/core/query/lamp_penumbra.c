@@ -13,17 +13,19 @@
 #define TURN_COS (-0.7374038396918788)
 #define TURN_SIN (-0.6754521279910767)
 
-/* Least distance of a blocker, in voxels of depth at the receiver: it is a divisor. */
+/* Least distance of a blocker, in voxels of depth at the receiver; above 0, because sums divide by
+ * it. */
 #define GAP_MIN 0x1p-20
 
-/* Least ratio of the light's two extents as the receiver sees it, edge-on or long and narrow. */
+/* Least ratio of the light's two extents as the receiver sees them: it is small if the light is
+ * seen edge-on, or is long and narrow. */
 #define THIN 0x1p-10
 
 /* Least value of 1 - q W.d (lamp_penumbra.h). Smaller values occur only if the receiver is as near
  * to the light as the light is large. */
 #define NEAR_MIN 0.125
 
-/* Share of the way to a point of the light at which the last look-up is made. */
+/* Farthest look-up on the way to a point of the light, as a share of that way. */
 #define BEFORE_LIGHT 0.998
 
 /* A lattice of points on the light: point i is L + a[i] * first + b[i] * second, where L is the
@@ -62,8 +64,8 @@ struct receiver {
     double inverse[2][2]; /* Inverse of `slope`: half axes for each texel, times q */
     double wide[2];       /* Half axes that half a texel covers, times q */
     double plane[2];      /* Change of q of the receiver's plane over a texel */
-    double front[3];      /* Height over the light's plane of `direction`, and its change over a
-                             texel */
+    double front[3];      /* Height of `direction` above the light's plane, and the change of that
+                             height over a texel of x and of y */
     double above[3];      /* Height above the receiver's horizon of the light's middle, and the
                              change of that height over each half axis */
     bool has_normal;
@@ -190,12 +192,12 @@ struct search {
 };
 
 /*
- * Returns the least difference of q at which an occluder in column (x, y) is before the light;
- * INFINITY if it never is, since the column lies behind the light.
+ * Returns the least difference of q at which an occluder in column (x, y) hides a point of the
+ * light; INFINITY if none does, because the column lies behind the light.
  *
- * Let g be the difference of q, and (a, b) the point of the light before which the column would lie
- * if g were 1 and all rays were parallel. An occluder at g lies before the light's point (a, b) /
- * (g + a h0 + b h1), where h is `shift`.
+ * Let g be the difference of q, and (a, b) the point of the light that the column would hide if g
+ * were 1 and all rays were parallel. An occluder at g hides the light's point (a, b) / (g + a h0 +
+ * b h1), where h is `shift`.
  */
 static double gap_of(const struct receiver *r, int64_t x, int64_t y)
 {

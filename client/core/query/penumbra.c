@@ -41,8 +41,8 @@ static double limit_of(const struct search *s, double gap)
     return fmin(floor(s->v[2] - gap - 0.5), size - 1);
 }
 
-/* Returns the depth in voxels over which the cone of the light's rays widens on an axis until it
- * reaches texel `texel`. */
+/* Returns the least distance before the receiver, in voxels of depth, at which the cone of the
+ * light's rays reaches texel `texel` of an axis. */
 static double gap_of(const struct search *s, unsigned axis, int64_t texel)
 {
     const double away = fabs((double)texel + 0.5 - s->v[axis]) - 0.5;
@@ -134,8 +134,8 @@ static double blocker_gap(const struct umb__query *q, const double v[3],
  * limit is far below that of int64_t. */
 #define FAR_VOXELS 0x1p30
 
-/* Slope of the receiver: voxels of depth that its plane rises over a texel on each axis, in the
- * worst direction. */
+/* Slope of the receiver's plane: voxels of depth that it gains per texel in x and in y, never
+ * negative. */
 struct slope {
     double x, y;
 };
@@ -171,8 +171,8 @@ static struct umb__real_box box_of(const struct umb__query *q, const double v[3]
     const struct umb__real_box box = {(int64_t)floor(v[0]), (int64_t)floor(v[1]),
                                       width_of(q, 0, gap), width_of(q, 1, gap)};
     const double taps = (double)q->taps;
-    /* The move off the surface was made for `taps` texels. A box partly covers one texel more than
-     * its width on either side. */
+    /* The bias moves the point far enough for a window of `taps` texels. A box of this width
+     * touches up to two texels more, so the look-up is lifted for the difference. */
     double lift =
         gap > 0 ? 0.5 * (slope.x * (box.width + 2.0 - taps) + slope.y * (box.height + 2.0 - taps))
                 : 0;

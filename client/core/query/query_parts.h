@@ -60,8 +60,8 @@ struct umb__query {
     double direction[3]; /* Direction of the light */
     double origin[3];    /* Origin of the asset */
     /* Penumbras (penumbra.c). */
-    double reach[2]; /* Texels on x and y that half of the light's cone gains over one voxel of
-                        depth */
+    double reach[2]; /* Texels on x and y by which the radius of the light's cone grows over one
+                        voxel of depth */
     const uint32_t *occluder_depth; /* Occluder depth map; NULL: columns stay shadowed */
     uint32_t occluder_depth_root;   /* Root of the frustum in that map */
     /* Footprints (kernel_footprint.c). */

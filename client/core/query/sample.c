@@ -85,8 +85,8 @@ static bool is_looked_up_in(const struct sampling *s, const double p[3], const u
     return is_receiver(s, voxel);
 }
 
-/* Draws a point in one of a boundary's two voxels. Returns false if a query of the point does not
- * read that voxel. */
+/* Draws a point in one of the two voxels of a boundary. Returns false if a query of that point
+ * would read another voxel. */
 static bool draw_at(struct sampling *s, const struct umb__boundary *boundary, double p[3])
 {
     const uint32_t *voxel = umb__draw(&s->draws) & 1 ? boundary->lit : boundary->shadowed;
@@ -125,8 +125,8 @@ static void begin_point(struct sampling *s)
     s->cell = (uint32_t)(part / s->wanted);
 }
 
-/* Returns true if a cell may hold points whose answers are defined. Under the static rule that
- * needs a marked cell of the receiver mask in it. */
+/* Returns true if a cell may hold points whose answers are defined. Under the static rule these are
+ * only cells that contain a marked cell of the receiver mask. */
 static bool has_receivers(const struct sampling *s, const struct umb__boundary_cell *cell)
 {
     const uint64_t *mask = s->asset->canonical.content.receiver_mask_cells;

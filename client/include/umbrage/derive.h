@@ -51,7 +51,8 @@ struct umb_derive_settings {
     double rect[4];
     /* Settings of the maps. technique: PCF (depth), VSM, ESM, EVSM or MSM; format: F32, F16 or U16;
      * access: BASE or MIPS. Exponents: 0 = as large as the format allows, at most 80 for ESM, 40
-     * for EVSM, and 5 for its negative_exponent. `linear` counts as 1, as GPUs filter exponentials.
+     * for EVSM, and 5 for its negative_exponent. `linear` counts as 1, because GPUs filter the
+     * exponentials linearly.
      */
     struct umb_map_settings map;
     const struct umb_camera *camera; /* View that the cascades divide; not read without cascades */

@@ -25,9 +25,10 @@
  *     // ... copy `placement` to a uniform buffer
  *
  * The array has entries of four 32-bit words: a head, an entry for each frustum, the grids, the
- * wide nodes and the bricks. Of a partial asset (umbrage/partial.h) umb_gpu_changes lists the
- * entries that pages changed, so that a page costs its own bytes. Nodes and bricks keep their
- * places; only if they outgrow their room a new layout is needed, and the whole array is copied.
+ * wide nodes and the bricks. For a partial asset (umbrage/partial.h) umb_gpu_changes lists the
+ * entries that new pages changed, so a new page costs only its own bytes. Nodes and bricks keep
+ * their places. A new layout, and a copy of the whole array, is needed only if they outgrow their
+ * room.
  *
  * Threads: functions of one asset or partial asset, one at a time.
  * Stability: experimental: may change in a minor version.
@@ -74,8 +75,8 @@ struct umb_gpu_view {
     uint64_t reserved[4]; /* Zero: room for later versions (umbrage/version.h) */
 };
 
-/* What the shader computes voxels from: struct UmbragePlacement of the shaders, byte for byte. Its
- * members are described there. */
+/* Numbers from which the shader computes voxels: struct UmbragePlacement of the shaders, byte for
+ * byte. The shaders' source describes the members. */
 struct umb_gpu_placement {
     int32_t row_x[4], row_y[4], row_z[4], row_w[4];
     uint32_t low[4];
@@ -99,9 +100,9 @@ struct umb_gpu_precision {
 };
 
 /*
- * Lays out an asset, whole or the lower one of a partial asset.
+ * Lays out an asset: a whole one, or the lower asset of a partial one (umb_partial_lower).
  *
- * In:    spare: entries of room for nodes and bricks that pages may add; 0 for whole assets.
+ * In:    spare: entries to reserve for nodes and bricks of later pages; 0 for whole assets.
  * Fails: E_TOO_LARGE (more than 2^28 entries).
  */
 UMB_API UMB_CHECKED enum umb_status umb_gpu_layout_make(const struct umb_asset *asset,
@@ -139,8 +140,8 @@ UMB_API size_t umb_gpu_changes(struct umb_partial *partial, const struct umb_gpu
 UMB_API void umb_gpu_forget_changes(struct umb_partial *partial);
 
 /*
- * Computes what takes the shader's positions to the voxels of a directional light, or of one face
- * of another light.
+ * Computes the transform from the shader's positions to the voxels of a directional light, or of
+ * one face of another light.
  *
  * Fails: E_NOT_FOUND (no such light), E_ARGUMENT (view; the field is named).
  */

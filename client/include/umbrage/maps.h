@@ -143,9 +143,9 @@ struct umb_map_settings {
                                    bounds, and `slack` is 1 or near it */
     uint32_t terms;             /* CONVOLUTION: Fourier terms; LVSM: layers; 1..16. MOMENTS and
                                    ABSORBANCE: moments, 4, 6 or 8 */
-    double overestimate;        /* MOMENTS, ABSORBANCE: share, 0..1, that counts as absorbed of the
-                                   light that may be absorbed at the receiver's own depth. 0:
-                                   answers are upper bounds of the light */
+    double overestimate;        /* MOMENTS, ABSORBANCE: of the light that may be absorbed at the
+                                   receiver's own depth, the share, 0..1, that counts as absorbed.
+                                   0: answers are upper bounds of the light */
     double damping;             /* CONVOLUTION: term k of M is weighted by exp(-damping (k/M)^2) */
     int keep_depth;       /* 1: a filterable map with MIPS or SAT keeps its depths too, 4 bytes
                                    a texel, in which `light_size` searches for blockers (PCSS) */
@@ -223,9 +223,9 @@ struct umb_map_deep_settings {
     /* Transmittance below which a list ends, 0..1; 0 keeps all fragments. The effect of 0.001
      * cannot be seen. */
     double epsilon;
-    double exponent; /* Exponent c, 0..1e6, by which the last step before a receiver acts gradually:
-                        at depth d behind the step, the share exp(-c d) of its effect is missing. 0:
-                        the step acts at once */
+    double exponent; /* Exponent c, 0..1e6, that lets the last step before a receiver take effect
+                        gradually: at depth d behind the step, the share exp(-c d) of its effect is
+                        missing. 0: the step acts at once */
     enum umb_map_deep_way way;
     uint64_t reserved[2]; /* Zero: room for later versions (umbrage/version.h) */
 };

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The system calls that wasi-libc's formatted printing can reach: it names the standard streams,
- * and never writes to them here. With these the module imports nothing.
+ * System calls to which wasi-libc's formatted printing refers. Its code for the standard streams
+ * needs them, but the module never writes to a stream. With these definitions the module imports
+ * nothing.
  */
 #include <wasi/api.h>
 

@@ -4,8 +4,8 @@
  * asset. An instance of the module holds one asset; JavaScript (client/web/umbrage/asset.js) makes
  * an instance for each, and copies bytes and points into memory that it gets from umbx_room.
  *
- * Functions return an enum umb_status unless said otherwise; umbx_message has the sentence of the
- * last failure. Numbers that are no simple argument or result go through umbx_numbers.
+ * Functions return an enum umb_status unless said otherwise. umbx_message returns the message of
+ * the last failure. Lists of numbers, in and out, are passed in the array `numbers` (umbx_numbers).
  */
 #include <stdlib.h>
 #include <string.h>
@@ -168,14 +168,16 @@ size_t umbx_missing_blocks(int all, uint32_t *list, size_t room)
     return umb_partial_missing_blocks(here.partial, all, list, room);
 }
 
-/* Returns a number as a whole one; those that are none, or too large, are larger than any. */
+/* Converts a number to an integer. A negative, NaN or too large number becomes UINT32_MAX - 1,
+ * which no index or setting reaches. */
 static uint32_t whole_of(double value)
 {
     return value >= 0 && value < UINT32_MAX ? (uint32_t)value : UINT32_MAX - 1;
 }
 
-/* In: numbers: light (below 0: all), 1 with a box, its min and max, 1 with a camera, its eye,
- * forward, up, fov_y, aspect and far_m, then max_error_m, max_error_rad, taps and bias_m. */
+/* Sets the wanted view. In: numbers[0]: light, below 0 for all lights. [1]: 1 if there is a box;
+ * [2..7]: its min and max. [8]: 1 if there is a camera; [9..20]: its eye, forward, up, fov_y,
+ * aspect and far_m. [21..24]: max_error_m, max_error_rad, taps and bias_m. */
 int umbx_want(int add)
 {
     const double *in = here.numbers;
@@ -192,8 +194,9 @@ int umbx_want(int add)
     return umb_partial_want(here.partial, &view, add, &here.error);
 }
 
-/* Out: numbers: pages and pages held, bytes of the asset and of the pages held, memory in use and
- * at most, dropped pages, builds, blocks and blocks held. */
+/* Reports the state of the partial asset. Out: numbers: pages and pages held, bytes of the asset
+ * and of the pages held, memory in use and at most, dropped pages, builds, blocks and blocks
+ * held. */
 void umbx_stats(void)
 {
     struct umb_partial_stats stats;
@@ -219,7 +222,8 @@ const uint8_t *umbx_id(void)
     return info.id;
 }
 
-/* Out: numbers: lights, frusta, origin, min and max of the casters' box. */
+/* Describes the asset. Out: numbers: number of lights, number of frusta, origin, min and max of the
+ * casters' box. */
 void umbx_info(void)
 {
     struct umb_asset_info info;
@@ -267,7 +271,8 @@ void umbx_settings_clear(void)
     here.settings = (struct umb_query_settings){.light = 0};
 }
 
-/* Sets a setting of later queries, or number `index` of one that has three. */
+/* Sets a setting of later queries. In: index: component of a setting that has three numbers, else
+ * 0. */
 int umbx_set(const char *name, uint32_t index, double value)
 {
     const struct umb__setting *row = find_setting(name);
@@ -310,8 +315,8 @@ int umbx_set_word(const char *name, const char *word)
                     row->words != NULL ? row->words : "");
 }
 
-/* Out: numbers: count of exact answers, worst error in metres, bound in metres, and the counts of
- * struct umb_query_stats. */
+/* Reports on the last query. Out: numbers: count of exact answers, worst error in metres, bound in
+ * metres, and the counts of struct umb_query_stats. */
 static void put_counts(uint64_t exact, double worst_error_m, const struct umb_query_stats *stats)
 {
     const double numbers[] = {(double)exact,
@@ -328,7 +333,7 @@ static void put_counts(uint64_t exact, double worst_error_m, const struct umb_qu
     memcpy(here.numbers, numbers, sizeof numbers);
 }
 
-/* Answers from the lower asset alone: where a page is missing, as if all were shadowed there. */
+/* Answers from the lower asset alone, in which the voxels of missing pages are shadowed. */
 static enum umb_status query_lower(const struct umb_points *points, void *values,
                                    struct umb_query_stats *stats)
 {
@@ -358,8 +363,8 @@ static void put_estimate(void *values, size_t i, float value)
     }
 }
 
-/* Answers with bounds. In: low: float[3 * count], for low, high and error_m, then, for packed
- * answers, as many for the estimates. */
+/* Answers points with bounds. In: low: memory for low, high and error_m, float[count] each; for
+ * packed answers float[count] more, for the estimates. */
 static enum umb_status query_partial(const struct umb_points *points, int want, void *values,
                                      float *low)
 {
@@ -386,7 +391,7 @@ static enum umb_status query_partial(const struct umb_points *points, int want, 
 }
 
 /*
- * Answers points by the settings.
+ * Answers points with the settings that were set before.
  *
  * In:  numbers: the origin. room: float[4 * count].
  * Out: values: by the format. room: low, high and error_m, unless all answers are exact. numbers:
@@ -480,9 +485,9 @@ int umbx_explain(double x, double y, double z, int has_normal)
 
 /* --- for GPUs --------------------------------------------------------------------------------- */
 
-/* Makes a layout, unless the last one has room for what is built. In: spare: least room, in
- * entries; at least half of the last array. Out: numbers: entries of the array; 1 if the layout is
- * new: all is then to be copied. */
+/* Makes a layout for a GPU, unless the last layout still has room for the built nodes and bricks.
+ * In: spare: entries of room to add, raised to half of the last array. Out: numbers: entries of the
+ * array; 1 if the layout is new, so that the whole array must be copied. */
 int umbx_gpu_layout(double spare)
 {
     const struct umb_asset *asset = umb_partial_lower(here.partial);
@@ -509,8 +514,9 @@ void umbx_gpu_write(uint32_t first, uint32_t count, uint32_t *entries)
     umb_gpu_write(umb_partial_lower(here.partial), here.partial, &here.gpu, first, count, entries);
 }
 
-/* In: numbers: light, 1 with a matrix, origin, matrix, mode of the bias, bias, face. Out: numbers:
- * range in metres, bounds across and in depth in voxels. */
+/* Computes the placement of a shader's positions. In: numbers: light, 1 if there is a matrix,
+ * origin, matrix, mode of the bias, bias, face. Out: numbers: range in metres, bounds across and in
+ * depth in voxels. */
 int umbx_gpu_place(void)
 {
     const double *in = here.numbers;

@@ -26,7 +26,8 @@ static uint32_t rotate(uint32_t x, unsigned by)
     return x >> by | x << (32 - by);
 }
 
-/* One round. The caller names the words in another order each time, so that none is moved. */
+/* One round of SHA-256. The caller passes the eight words rotated by one in each round, so that no
+ * word is copied. */
 static inline void turn(uint32_t a, uint32_t b, uint32_t c, uint32_t *d, uint32_t e, uint32_t f,
                         uint32_t g, uint32_t *h, uint32_t word)
 {

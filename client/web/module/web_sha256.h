@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_WEB_WEB_SHA256_H
 #define UMBRAGE_WEB_WEB_SHA256_H
 /*
- * SHA-256 (FIPS 180-4) for the WebAssembly module. The browser's own, crypto.subtle, answers later
- * and only on secure pages; a page is proven in one step with its use.
+ * SHA-256 (FIPS 180-4) for the WebAssembly module. The browser's crypto.subtle is asynchronous and
+ * exists only on secure pages; the module verifies a page in the same call that adds the page.
  */
 #include "umbrage/file.h"
 

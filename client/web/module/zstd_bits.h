@@ -10,7 +10,7 @@
 struct umbx_bits {
     const uint8_t *bytes;
     size_t size;
-    int64_t left; /* Number of bits that are not read yet; below 0: more were read than there are */
+    int64_t left; /* Number of bits left to read; below 0 if more were read than there are */
 };
 
 /* Returns the position of the highest bit that is set. In: value: not 0. */
@@ -19,7 +19,8 @@ static inline unsigned umbx_highest_bit(uint32_t value)
     return 31U - (unsigned)__builtin_clz(value);
 }
 
-/* Begins to read a stream. Its last byte has a bit set that marks the end. False: it has none. */
+/* Begins to read a stream. The highest set bit of its last byte marks the end. Returns false if
+ * that byte is 0. */
 static inline bool umbx_bits_open(struct umbx_bits *bits, const uint8_t *bytes, size_t size)
 {
     if (size == 0 || bytes[size - 1] == 0) {

@@ -53,7 +53,7 @@ static const struct code match_codes[53] = {
     {67, 4},    {83, 4},    {99, 5},     {131, 7},    {259, 8},   {515, 9}, {1027, 10}, {2051, 11},
     {4099, 12}, {8195, 13}, {16387, 14}, {32771, 15}, {65539, 16}};
 
-/* Tables that a block may refer to without describing them (3.1.1.3.2.2). */
+/* Predefined tables of codes, which a block may use without describing them (3.1.1.3.2.2). */
 static const int16_t usual_literals[36] = {4, 3, 2, 2, 2, 2, 2, 2, 2,  2,  2,  2,
                                            2, 1, 1, 1, 2, 2, 2, 2, 2,  2,  2,  2,
                                            2, 3, 2, 1, 1, 1, 1, 1, -1, -1, -1, -1};
@@ -108,7 +108,8 @@ static void put_match(struct output *out, size_t offset, size_t count)
     }
 }
 
-/* Reads the table of one kind of codes. Returns the length of its description, or -1. */
+/* Reads the table for one kind of codes: literal lengths, offsets or match lengths. Returns the
+ * length of its description, or -1. */
 static int64_t read_table(struct umbx_zstd *zstd, enum kind kind, unsigned mode,
                           const uint8_t *from, size_t size)
 {
@@ -136,7 +137,7 @@ static int64_t read_table(struct umbx_zstd *zstd, enum kind kind, unsigned mode,
     return (int64_t)used;
 }
 
-/* Returns the offset that a value stands for, and keeps the last three (3.1.1.5). 0: none. */
+/* Decodes an offset, and records it among the last three (3.1.1.5). Returns 0 if it is invalid. */
 static size_t find_offset(size_t last[3], uint64_t value, bool no_literals)
 {
     size_t offset;

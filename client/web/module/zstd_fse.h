@@ -7,7 +7,7 @@
 #define UMBX_FSE_LOG_MAX     9U
 #define UMBX_FSE_SYMBOLS_MAX 64U
 
-/* A state: the symbol that it stands for, and where the next state is found. */
+/* A decoder's state: its symbol, and how the next bits lead to the next state. */
 struct umbx_fse_state {
     uint16_t base;
     uint8_t symbol, bits;

@@ -3,8 +3,8 @@
 
 #define WEIGHTS_MAX 255U /* The last byte's weight is not written */
 
-/* Reads weights that are written with finite state entropy, by two states in turn. Returns their
- * number; 0: they are damaged. */
+/* Reads weights that are coded with finite state entropy (FSE), by two decoder states in turn.
+ * Returns their number; 0: they are damaged. */
 static unsigned read_packed_weights(struct umbx_fse_table *table, const uint8_t *from, size_t size,
                                     uint8_t *weight)
 {
@@ -31,7 +31,7 @@ static unsigned read_packed_weights(struct umbx_fse_table *table, const uint8_t 
     return 0;
 }
 
-/* Makes the code of `count` weights and a last one, which follows from them. */
+/* Makes the Huffman code of `count` weights and of a last weight, which follows from the others. */
 static bool make_code(struct umbx_huffman *huffman, uint8_t *weight, unsigned count)
 {
     uint32_t sum = 0, longest = 0, next[UMBX_HUFFMAN_LOG + 2] = {0};

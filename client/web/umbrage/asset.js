@@ -8,7 +8,8 @@ import { Module } from "./module.js";
 const SLICE = 32_768; // Points that are answered at a time
 const TURN_MS = 8; // A query of many points lets other work of the page in after this time
 const KINDS = ["directional", "spot", "point", "rectangle", "disc"];
-// What explain() gives, in the order of umbx_explain; the number behind a name: that many numbers.
+// Members of the result of explain(), in the order of umbx_explain, with the count of numbers of
+// each; 0: a boolean.
 const EXPLAINED = { answer: 1, lit_taps: 1, taps: 1, level: 1, frustum: 1, nodes: 1, bricks: 1, transmittance: 1, bias_m: 1,
   cosine: 1, voxel_size_m: 1, footprint_m: 1, facing_away: 0, undefined: 0, outside: 0, before: 0, behind: 0, has_normal: 0,
   moved: 3, voxel: 3, cell: 3, window: 2, step_count: 1, rows: 17, steps: 48 };
@@ -171,12 +172,12 @@ export class Asset {
     return { ...heldOf(this.#opened(), this.#counts), module_bytes: this.#module.memoryBytes };
   }
 
-  /** What changed for a GPU since the last call: see gpu.js. */
+  /** Returns the entries for a GPU that changed since the last call: see gpu.js. */
   changes() {
     return takeChanges(this.#opened());
   }
 
-  /** What takes a shader's positions to the voxels of a light. */
+  /** Returns the transform from a shader's positions to the voxels of a light. */
   placement({ light = 0, face = 0, origin = [0, 0, 0], to_world, bias = "auto", bias_unit = "metres" } = {}) {
     require(to_world === undefined || to_world?.length === 16, "to_world: must be 16 numbers, column major");
     require(typeof bias === "number" || bias === "auto" || bias === "none", "bias: must be auto, none or a number");

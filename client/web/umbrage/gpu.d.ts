@@ -23,7 +23,7 @@ export class WebGLNodes {
   /** The texture `umbrage_data`: RGBA32UI. apply() may replace it. */
   readonly texture: WebGLTexture | null;
   readonly bytes_sent: number;
-  /** Copies what changed; all changes of one asset, in their order. */
+  /** Copies changed entries. Pass every result of one asset's changes(), in order. */
   apply(changes: Changes): void;
   dispose(): void;
 }

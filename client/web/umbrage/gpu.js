@@ -55,7 +55,7 @@ export class WebGLNodes {
     }
   }
 
-  /** Makes a texture for so many entries, unless it is there. */
+  /** Makes a texture with room for `capacity` entries, unless the present one has that size. */
   #fit(capacity) {
     const gl = this.#gl, rows = Math.ceil(capacity / ROW), most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     if (rows === this.#rows) {

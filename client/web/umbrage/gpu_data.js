@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a GPU gets of an asset: entries of 16 bytes, and placements (umbrage/gpu.h).
+// Data of an asset for a GPU: entries of 16 bytes, and placements (umbrage/gpu.h).
 import { require } from "./errors.js";
 
 const ENTRY_BYTES = 16;

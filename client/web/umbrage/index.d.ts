@@ -81,7 +81,7 @@ export interface WantOptions {
   progress?(held: Held): unknown;
 }
 
-/** What of an asset is held, and what it cost. */
+/** The part of an asset that is held, and the cost of fetching it. */
 export interface Held {
   pages: number;
   pages_held: number;
@@ -219,7 +219,7 @@ export interface PlacementOptions {
   bias_unit?: "metres" | "voxels";
 }
 
-/** What takes a shader's positions to the voxels of a light: struct UmbragePlacement. */
+/** Transform from a shader's positions to the voxels of a light: struct UmbragePlacement. */
 export interface Placement {
   bytes: ArrayBuffer;
   /** Its members, as views of `bytes`. */
@@ -232,7 +232,8 @@ export interface Placement {
   bound_depth: number;
 }
 
-/** An open asset. Calls may overlap: `want` calls run one after the other, queries use the pages of the moment. */
+/** An open asset. Calls may overlap: `want` calls run one after the other, queries use the pages
+ * held at that moment. */
 export class Asset {
   readonly info: Info;
   /** Fetches the pages that views need; without a view those that queries missed. Each page is proven. */
@@ -241,10 +242,12 @@ export class Asset {
   query(points: Float32Array | Float64Array, settings?: QuerySettings & { format?: "f32" }): Promise<Answers>;
   query(points: Float32Array | Float64Array, settings: QuerySettings & { format: "u8" | "bit" }):
     Promise<Answers<Uint8Array>>;
-  /** Explains the answer of one point from the pages that are held; where one is missing, as if shadowed there. */
+  /** Explains the answer of one point from the pages that are held; voxels of missing pages count
+   * as shadowed. */
   explain(point: Triple, settings?: Omit<QuerySettings, "normals"> & { normal?: Triple }): Explanation;
   held(): Held;
-  /** What changed for a GPU since the last call; the first time all. For one consumer. */
+  /** Entries for a GPU that changed since the last call; the first call returns all. For one copy
+   * of the entries only. */
   changes(): Changes;
   placement(options?: PlacementOptions): Placement;
   /** Frees the asset. */

@@ -7,7 +7,7 @@ const ROUND_BYTES_MIN = 512 << 10;
 const BLOCK_BYTES = 4096; // Most bytes of a directory block
 const ITEMS_MAX = 4096;
 
-/** What of an asset is held, and what it cost. */
+/** The part of an asset that is held, and the cost of fetching it. */
 export function heldOf(module, counts) {
   module.call("stats");
   const [pages, pages_held, asset_bytes, held_bytes, memory_bytes, memory_peak_bytes, pages_dropped, builds, blocks,

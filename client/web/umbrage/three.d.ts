@@ -18,14 +18,14 @@ export interface ShadowSettings {
 export interface LightSettings {
   color?: number;
   intensity?: number;
-  /** Distance in metres at which lamps end; 0: they do not. */
+  /** Distance in metres beyond which lamps give no light; 0: no limit. */
   reach?: number;
 }
 
 /** Shadows of one asset for the materials of one WebGLRenderer (WebGL2). */
 export class Shadows {
   constructor(THREE: object, renderer: object, asset: Asset, settings?: ShadowSettings);
-  /** Extends a material, or the materials of an object and of what it holds. */
+  /** Extends a material, or the materials of an object and its descendants. */
   add(target: object): this;
   set(settings: ShadowSettings): void;
   readonly settings: Required<ShadowSettings>;

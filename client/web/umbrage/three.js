@@ -194,7 +194,8 @@ export class Shadows {
     material.needsUpdate = true;
   }
 
-  /** Extends a material, or those of an object and of what it holds. Lambert's and basic materials stay as they are. */
+  /** Extends a material, or those of an object and its descendants. Lambert's and basic materials
+   * stay as they are. */
   add(target) {
     if (!target.isMaterial) {
       target.traverse((object) => [object.material ?? []].flat().forEach((material) => this.add(material)));
@@ -225,7 +226,7 @@ export class Shadows {
     };
   }
 
-  /** Sets what three cannot; the program is in use. */
+  /** Sets the uniforms that three.js cannot set, while the program is in use. */
   #setUniforms(program) {
     const gl = this.#gl, { filter, taps } = this.#settings;
     if (!this.#programs.has(program)) {
@@ -244,7 +245,7 @@ export class Shadows {
     this.#lights.flatMap(({ at }) => at).forEach((at, index) => setPlacement(gl, program, `umbrage_at[${index}]`, at));
   }
 
-  /** Passes what changed in the asset to the GPU. Other state of the context stays. */
+  /** Copies the changed entries of the asset to the GPU. Other state of the context stays. */
   #upload() {
     const gl = this.#gl;
     const active = gl.getParameter(gl.ACTIVE_TEXTURE);

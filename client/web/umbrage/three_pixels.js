@@ -95,7 +95,7 @@ export class PixelAnswers {
     this.#upload(limits, width, height, lights.length, unit);
   }
 
-  /** Puts one pixel there that knows nothing, so that the shader has a texture. */
+  /** Uploads one pixel without an answer, so that the shader has a texture. */
   clear(unit) {
     this.#upload(Uint8Array.of(0, 255), 1, 1, 1, unit);
   }

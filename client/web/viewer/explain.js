@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // An explanation as text, line by line as `umbrage query --explain` prints it.
 
-/** A number with so many significant digits, without zeros at its end. */
+/** A number with `digits` significant digits, without zeros at its end. */
 export function significant(value, digits) {
   const text = value.toPrecision(digits);
   if (text.includes("e")) {

@@ -28,7 +28,7 @@ function fail(error) {
 }
 
 class Viewer {
-  /** What tests and the figure line read. */
+  /** State that tests and the line of figures read. */
   state = { ready: false, loading: 0, frames: 0, exact: 0, points: 0, frame_ms: 0, bound: 0, error: null };
   #asset;
   #canvas = byId("picture");
@@ -155,7 +155,8 @@ class Viewer {
     this.#moved();
   }
 
-  /** Penumbras need the whole asset, and what not every asset has: the core says what is missing. */
+  /** Penumbras need all pages, and data that not every asset has; the core's error names what is
+   * missing. */
   async #setFilter(filter) {
     if (filter === "penumbra") {
       await this.#want((fetching) => this.#asset.want({}, fetching));

@@ -127,7 +127,8 @@ struct measuring {
     struct umbb_extent (*extents)[3]; /* [blocks] */
 };
 
-/* Measures one block. Of equal values, which may be zeros of either sign, the first one stays. */
+/* Measures the extents of a block of corners along the three axes. Of equal values (zeros may
+ * differ in sign) the first one is kept. */
 static enum umb_status measure_block(void *user, size_t first, size_t count,
                                      struct umb_error *error)
 {

@@ -140,9 +140,10 @@ static inline __m512i two_rows(__m256i low, __m256i high)
 }
 
 /*
- * Converts q to lit. Often all texels of each column of a cell have one lit: on walls along the
- * columns, and where the surface's depth changes by less than a voxel over the cell. Two divisions
- * show it, because lit never grows with q.
+ * Converts q, the reciprocals of depth, to lit. Often all rows of a cell have the same lit values:
+ * on walls along the columns, and where the surface's depth changes by less than a voxel over the
+ * cell. The greatest and the least q of each column show that with two divisions, because lit never
+ * grows with q.
  */
 static inline void reciprocals_lit(const struct umbb_rays *rays, const struct reciprocals *q,
                                    struct texels *texels)

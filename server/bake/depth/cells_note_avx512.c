@@ -328,7 +328,8 @@ static inline unsigned lanes_before(const struct hiding *hiding, size_t band, __
                                          _mm256_i32gather_epi32(far, next, 4));
     unsigned before = _mm256_cmpgt_epi32_mask(two, lit);
     unsigned left = _mm256_cmplt_epi32_mask(next, last) & ~before & some;
-    /* Test the further cells of bands that are not decided yet; too long ones count as visible. */
+    /* Test the further cells of the bands that are still undecided. A band with more than
+     * CELLS_SEEN cells counts as visible. */
     for (int i = 2; i < CELLS_SEEN && left != 0; i++) {
         first = _mm256_add_epi32(first, _mm256_set1_epi32(1));
         const __m256i at = _mm256_min_epi32(_mm256_add_epi32(first, _mm256_set1_epi32(1)), last);
@@ -406,10 +407,10 @@ static inline __m256i eight_columns(const struct umbb_cells *cells, __m512d x)
 }
 
 /*
- * Returns a bit mask of the bands that the triangle may change: eight bands from `row` on, or those
- * down to row `last`. A band is left out if the bound of its lit (eight_bounds) does not lie before
- * the `far` of any cell in its range of x. This test is quicker than making the band, and never
- * leaves out a band that would change a texel.
+ * Returns a bit mask of the bands that the triangle may change: eight bands from row `row` on, or
+ * fewer, down to row `last`. A band is left out if no cell in its range of x has a `far` behind the
+ * band's bound of lit (eight_bounds). This test is quicker than making the band, and never leaves
+ * out a band that would change a texel.
  */
 static inline unsigned bands_seen(const struct plane *k, const struct umbb_cells *cells,
                                   const struct hiding hiding[2], int32_t row, int32_t last)

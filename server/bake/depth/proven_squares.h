@@ -58,12 +58,12 @@ enum {
  * Makes the marks of all casters; open ones, and those that do not surely face the light, get 0.
  *
  * In:    prove: whether to make the marks. UMBB_PROVE_AUTO: if there are many squares of texels for
- *        the number of triangles. The choice depends on the casters alone, because it decides which
- *        undefined voxels are chosen. workers: threads to use; NULL: only the caller's. The marks
+ *        the number of triangles. The choice depends on the casters alone, because it changes the
+ *        values of undefined voxels. workers: threads to use; NULL: only the caller's. The marks
  *        depend neither on threads nor on the order of casters, because keys of tiles hold the
  *        marks (umbb_tile_key).
- * Out:   marks: uint8[count], freed by the caller; NULL if no marks are made, which is always so
- *        where parts count as closed on the caller's word only.
+ * Out:   marks: uint8[count], freed by the caller; NULL if no marks are made. None are made if some
+ *        parts count as closed only because the options say so.
  * Fails: E_NO_MEMORY.
  * Cost:  a temporary table of up to 32 bytes a front face; about three cache misses an edge of a
  *        front face.

@@ -17,8 +17,8 @@
  * process, so one is enough. */
 static jmp_buf refusal;
 
-/* Leaves the parser where memory is refused: its lexer would drop characters, among them the end of
- * a string, and read on behind its buffer. */
+/* Leaves Jansson's parser by a jump when memory is refused. Otherwise its lexer would drop
+ * characters, such as the end of a string, and read on behind its buffer. */
 static void *take_memory(size_t size)
 {
     void *memory = malloc(size);

@@ -83,7 +83,8 @@ static uint8_t *put_square(uint8_t *at, const struct umbb_square_proof *square)
     return at + SQUARE_BYTES;
 }
 
-/* Takes a record over. Returns 0, with the record of no square, if it is not whole. */
+/* Decodes a record. Returns 0, and leaves all squares without a record, if the bytes are not a
+ * whole record. */
 static int decode(struct umbb_frustum_proofs *proofs, const uint8_t *bytes, size_t size)
 {
     uint8_t digest[UMB_ID_BYTES];

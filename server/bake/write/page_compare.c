@@ -127,8 +127,8 @@ static uint32_t partner(const _Atomic uint32_t *slot)
     return atomic_load_explicit(slot, memory_order_relaxed);
 }
 
-/* Fetches the words of nodes that are matched soon: of the node AHEAD of i its entry, of the one
- * half as far its children. In: count: number of the page's nodes. */
+/* Prefetches the words of nodes that are matched soon: the entry of the partner of node i + AHEAD,
+ * and the children of the partner of node i + AHEAD / 2. In: count: number of the page's nodes. */
 static void fetch_nodes(const struct umb__octree_level *level, const _Atomic uint32_t *partners,
                         uint32_t i, uint32_t count)
 {

@@ -61,13 +61,14 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
     return status == UMB_OK ? UMB_OK : umbu_output_explain(&publish->file, status, error);
 }
 
-/* Comparison of the written file with its octree, as a reader of its pages. */
+/* Data of a reader of pages that compares the written file with its octree. */
 struct read_back {
     struct umbb_page_compare compare;
     struct umb__octree *octree;
 };
 
-/* Compares the pages with the octree, and gives the octree away as theirs. */
+/* Compares the pages with the octree. If they agree, hands the octree over as the result of reading
+ * the pages. */
 static enum umb_status read_pages(void *user, const uint8_t *file, const struct umb__head *head,
                                   const struct umb__canonical *canonical, uint64_t max_memory_bytes,
                                   struct umb__octree *octree, struct umb_error *error)

@@ -189,7 +189,8 @@ static enum umb_status trace(const struct squares *squares, uint32_t light,
     return status;
 }
 
-/* Compares pieces of a light: with the casters near them, and if these say no, with all. */
+/* Compares pieces of a light, with rays against the casters near them. If these find an error,
+ * compares again with all casters. */
 static enum umb_status trace_light(const struct squares *squares, uint32_t light,
                                    const struct umbr_square *pieces, size_t count,
                                    struct umbr_squares_result *result, struct umb_error *error)

@@ -302,7 +302,8 @@ static enum umb_status check_tls(const struct umbd_options *options, struct umb_
                           "--tls-client-ca: no client would be asked; give a --listen tls:...");
 }
 
-/* Counts the addresses, and refuses a list of origins that one of them makes pointless. */
+/* Counts the addresses. Refuses a list of origins that has others beside `*`, which stands for
+ * all. */
 static enum umb_status check_http_options(struct umbd_options *options, struct umb_error *error)
 {
     size_t count = 0;

@@ -348,7 +348,7 @@ static uint64_t body_limit_ms(const struct umbd_call *call)
 /*
  * Adds the time since the last check in which the server waited for data of the stream. Returns 1
  * for a Submit whose files come too slowly. The sizes that a Submit declares count against quotas,
- * so a client that sends a byte now and then must not hold them.
+ * and a client that sends a byte now and then could hold them for ever.
  */
 static int is_upload_slow(struct umbd_call *call, uint64_t now_ms)
 {

@@ -223,9 +223,9 @@ void umbd_stream_later(struct umbd_call *call);
 /*
  * Writes the head of a reply, and marks the call as answered with that status.
  *
- * In:    length: bytes of the body; not told with 204 and 304. fields: the service's own header
- *        lines, each with its end, less than UMBD_WEB_FIELDS_BYTES.
- * Returns the size of the head.
+ * In: length: bytes of the body; left out of the head with 204 and 304. fields: the service's own
+ *        header lines, each with its end, less than UMBD_WEB_FIELDS_BYTES. Returns the size of the
+ *        head.
  */
 size_t umbd_web_head(struct umbd_call *call, int status, uint64_t length, const char *fields,
                      char text[UMBD_WEB_HEAD_BYTES]);

@@ -3,7 +3,7 @@
  * Replies of HTTP/1.1: heads, short texts and failures.
  *
  * A failure before the head becomes a reply with a status and the sentence of the error. After the
- * head the only honest end is to close the connection: the client then has fewer bytes than
+ * head a failure closes the connection: the client then notices that it has fewer bytes than
  * Content-Length says.
  *
  * Source: RFC 9110 sections 6.6.1 (Date), 11.6.1 (WWW-Authenticate), 15 (statuses); the Fetch

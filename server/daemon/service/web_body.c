@@ -230,8 +230,8 @@ static enum umb_status next_piece(struct umbd_call *call, struct body *body,
     return status;
 }
 
-/* Sends the piece that is ready if the one before is taken, and has the next one read meanwhile. If
- * the queue is full, the tick tries again. */
+/* Sends the ready piece if the piece before it was taken, and lets a worker read the next piece
+ * meanwhile. If the workers' queue is full, the tick tries again. */
 static void go_on(struct umbd_call *call, struct body *body)
 {
     struct umb_error error;

@@ -27,7 +27,8 @@ uint64_t umbd_web_body_begin(struct umbd_call *call, struct umbs_entry **entry, 
 /* Sends a head without a body. */
 void umbd_web_send(struct umbd_call *call, const char *head, size_t size);
 
-/* Functions of the method: the client has taken a piece, and ten times a second; the call ends. */
+/* Functions for the table of methods. _more is called when the client has taken a piece, and ten
+ * times a second; _close when the call ends. */
 void umbd_web_body_more(struct umbd_call *call);
 void umbd_web_body_close(struct umbd_call *call);
 

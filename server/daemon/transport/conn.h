@@ -29,7 +29,8 @@
 
 /* Functions of a protocol. Those that may send are called outside of nghttp2's callbacks. */
 struct umbd_protocol {
-    /* Creates the connection's state, and queues what a server says first. Fails: E_NO_MEMORY. */
+    /* Creates the connection's state, and queues the bytes that the server sends first, if any.
+     * Fails: E_NO_MEMORY. */
     enum umb_status (*start)(struct umbd_conn *conn);
     /* Frees the state. The calls have ended. */
     void (*stop)(struct umbd_conn *conn);

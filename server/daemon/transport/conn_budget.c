@@ -85,7 +85,8 @@ void umbd_conn_leave(struct umbd_conn *conn)
 {
     if (!conn->proven) {
         stranger_unlink(conn);
-        /* Its bytes still to be written count in the daemon's sum only, not in the strangers'. */
+        /* The connection's unsent bytes still count in the daemon's sum, but no longer in that of
+         * the connections without rights. */
         atomic_fetch_sub(&conn->server->stranger_buffered, conn->buffered);
         conn->proven = 1;
     }
@@ -139,8 +140,8 @@ static int grant(struct umbd_conn *conn, size_t bytes)
     return 1;
 }
 
-/* Counts bytes of a stranger. If all strangers together exceed their share, the oldest ones are
- * closed after the event. */
+/* Counts bytes of a stranger, a connection without rights. If all strangers together exceed their
+ * share, the oldest ones are closed after the event. */
 static void stranger_charge(struct umbd_conn *conn, size_t bytes)
 {
     struct umbd_server *server = conn->server;

@@ -235,7 +235,8 @@ int umbd_conn_dismiss(struct umbd_conn *conn)
     return 1;
 }
 
-/* Closes strangers while they hold more than their share of --max-buffer. */
+/* Closes strangers (connections without rights), oldest first, while they hold more than their
+ * share of --max-buffer. */
 static void relieve(struct umbd_loop *loop)
 {
     struct umbd_server *server = loop->server;

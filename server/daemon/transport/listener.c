@@ -249,8 +249,8 @@ static enum umb_status handed_transport(const struct umbd_loop *loop, int fd, in
     return check_reach(loop, "LISTEN_FDS", *transport, &address, error);
 }
 
-/* What a socket from the service manager speaks, by its name: "tls", "http", "https", or gRPC
- * without TLS. */
+/* Protocol of a socket from the service manager. The socket's name tells it: "tls", "http" or
+ * "https"; any other name means gRPC without TLS. */
 struct handed_kind {
     int is_tls;
     enum umbd_language language;

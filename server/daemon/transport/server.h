@@ -36,8 +36,8 @@ struct umbd_call_events {
                   const uint8_t *value, size_t value_size);
     /* The header block is complete. Returns 0 if the stream was cancelled before. */
     int (*headers_end)(struct umbd_call *call);
-    /* Gives a place for the next body bytes, at most `most`. Returns its size; 0: there is no such
-     * place. */
+    /* Gives the memory for the next body bytes, at most `most`. Returns its size; 0 if there is
+     * none. */
     size_t (*room)(struct umbd_call *call, size_t most, uint8_t **place);
     /* Body bytes. Returns by how many of these bytes the stream's window may open again. */
     size_t (*data)(struct umbd_call *call, const uint8_t *bytes, size_t count);
