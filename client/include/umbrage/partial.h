@@ -9,26 +9,34 @@
  *         umb_partial_build(partial, &error)) {                         // coarse answers
  *         return error.status;
  *     }
- *     uint32_t pages[64];
- *     size_t count;
+ *     uint32_t list[64];
+ *     uint64_t offset;
+ *     uint32_t length;
+ *     size_t blocks, pages;
  *     do {
  *         if (umb_partial_want(partial, &view, 0, &error)) {  // which pages matter, and how much
  *             return error.status;
  *         }
- *         count = umb_partial_missing(partial, pages, 64, 0);  // the best first
- *         for (size_t i = 0; i < count; i++) {
- *             uint64_t offset;
- *             uint32_t length;
- *             umb_partial_locate(partial, pages[i], &offset, &length);
+ *         blocks = umb_partial_missing_blocks(partial, 0, list, 64);  // of the directory
+ *         for (size_t i = 0; i < blocks; i++) {
+ *             umb_partial_locate_block(partial, list[i], &offset, &length);
  *             // ... read `length` bytes at `offset` of the file into `stored`
- *             if (umb_partial_add(partial, pages[i], stored, length, &error)) {
+ *             if (umb_partial_add_block(partial, list[i], stored, length, &error)) {
+ *                 return error.status;
+ *             }
+ *         }
+ *         pages = umb_partial_missing(partial, list, 64, 0);  // the best first
+ *         for (size_t i = 0; i < pages; i++) {
+ *             umb_partial_locate(partial, list[i], &offset, &length);
+ *             // ... and in the same way its bytes
+ *             if (umb_partial_add(partial, list[i], stored, length, &error)) {
  *                 return error.status;
  *             }
  *         }
  *         if (umb_partial_build(partial, &error)) {  // lays out what is here
  *             return error.status;
  *         }
- *     } while (count > 0);
+ *     } while (blocks + pages > 0);
  *     if (umb_partial_query(partial, &settings, &points, 0, &answers, &error)) {
  *         return error.status;
  *     }
