@@ -121,7 +121,7 @@ static void job_replies(struct input *input)
     struct umb_job_status *to = &status;
     const size_t size = (size_t)(input->end - input->at);
     if (!take_status(&watch, input->at, size)) {
-        FUZZ_DEMAND(watch.error.status != UMB_OK);
+        FUZZ_DEMAND(watch.watch.error.status != UMB_OK);
     }
     (void)!decode_status(&to, input->at, size, &error);
     if (decode_list(&list, input->at, size, &error) == UMB_OK) {
