@@ -172,7 +172,7 @@ def check_servers(test):
     without = link.RangeServer(test.folder, serves_ranges=False)
     place = f"http://127.0.0.1:{liar.server_address[1]}"
     wanted = {f"{place}/404/city.umb": ["E_NOT_FOUND", "status 404"],
-              f"{place}/long/city.umb": ["E_PROTOCOL", "sends more than the 32768 bytes"],
+              f"{place}/long/city.umb": ["E_PROTOCOL", "sends more than the 16384 bytes"],
               f"{place}/place/city.umb": ["E_PROTOCOL", "sends byte 1, asked for 0"],
               f"{place}/cut/small.umb": ["E_TRUNCATED", ""],
               f"http://127.0.0.1:{without.port}/city.umb": ["E_UNSUPPORTED", "knows no byte ranges (status 200"],
