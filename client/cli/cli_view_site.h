@@ -50,8 +50,8 @@ UMB_CHECKED enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
 UMB_CHECKED enum umb_status umbc_view_site_add(struct umbc_view_site *site, const char *path,
                                                const char *source, char *bytes, size_t size,
                                                struct umb_error *error);
-/* Checks that the asset was baked from a scene, as far as umbrage-bake is installed; otherwise prints
- * a notice unless quiet. In: asset: its name, for the message. Fails: E_BAD_SCENE. */
+/* Checks that the asset was baked from a scene, as far as umbrage-bake is installed; otherwise
+ * prints a notice unless quiet. In: asset: its name, for the message. Fails: E_BAD_SCENE. */
 UMB_CHECKED enum umb_status umbc_view_scene_match(const struct umbc_view_site *site,
                                                   const char *asset, const char *scene, bool quiet,
                                                   struct umb_error *error);

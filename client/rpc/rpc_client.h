@@ -278,7 +278,8 @@ struct umb__watch {
     bool stopped;           /* The caller's function asked to stop */
 };
 
-/* The finish function of a watch's umb__ending. In: context: a struct that begins with umb__watch. */
+/* The finish function of a watch's umb__ending. In: context: a struct that begins with
+ * umb__watch. */
 enum umb_status umb__watch_finish(void *context, enum umb_status status, struct umb_error *error);
 
 #endif

@@ -2,8 +2,8 @@
 /*
  * Asks an asset file for the light at points: the program of README.md's lines of C.
  *
- *     cc query.c $(pkg-config --cflags --libs umbrage-core) -o query
- *     ./query city.umb <points.txt
+ *     cc ask_file.c $(pkg-config --cflags --libs umbrage-core) -o ask_file
+ *     ./ask_file city.umb <points.txt
  *
  * Reads "x y z nx ny nz" lines, place and normal, and writes a share of light a line: 0 shadowed to
  * 1 lit.
@@ -16,7 +16,7 @@
 
 static int report(const char *message)
 {
-    fprintf(stderr, "query: %s\n", message);
+    fprintf(stderr, "ask_file: %s\n", message);
     return 1;
 }
 
