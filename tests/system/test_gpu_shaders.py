@@ -11,7 +11,8 @@ import struct
 import subprocess
 import sys
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+sys.path[:0] = [os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", *path) for path in (["harness"], ["..", "client", "gpu"])]
+import shaders  # noqa: E402
 import umbrage_test as ut  # noqa: E402
 
 INCLUDES = os.path.join(ut.BUILD, "gpu")
@@ -102,6 +103,15 @@ for name, compiler, include, before, behind, file_name, options in SHADERS:
         done = subprocess.run([compiler, *options, test.path(file_name)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                               timeout=120, check=False)
         assert done.returncode == 0, done.stdout.decode()
+PACKAGE = os.path.join(ut.BUILD, "web", "umbrage", "shaders.js")
+if shutil.which("node") is None or not os.path.exists(PACKAGE):
+    ut.left_out("the package's WGSL", "node or the package umbrage is not there")
+else:
+    with test.check("the package makes the WGSL of umbrage.wgsl"):
+        made = subprocess.run(["node", "--input-type=module", "-e", "const { wgsl } = await import(process.argv[1]); process.stdout.write(wgsl);",
+                               PACKAGE], stdout=subprocess.PIPE, timeout=60, check=True).stdout.decode()
+        with open(os.path.join(INCLUDES, "umbrage.wgsl"), encoding="utf-8") as file:
+            assert made == shaders.shorten(file.read()), made
 lacks = "the core is built with sanitizers" if ut.is_sanitized() else vulkan_lacks()
 if lacks:
     ut.left_out("the Vulkan example", lacks)
