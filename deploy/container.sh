@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Builds the container from deploy/Containerfile on a base that is named by its digest.
 #
-#   deploy/container.sh DIGEST [TAG]      DIGEST: sha256:... of docker.io/library/debian:12-slim
+#   deploy/container.sh [DIGEST [TAG]]    DIGEST: sha256:... of docker.io/library/debian:12-slim;
+#                                         "" or none: that of the Containerfile
 #
-# Where the digest comes from (it names the image for all architectures):
+# Where a newer digest comes from (it names the image for all architectures):
 #   skopeo inspect --format '{{.Digest}}' docker://docker.io/library/debian:12-slim
-# Store the digest in the configuration of your builds, and renew it when Debian publishes security
-# updates. BUILDER names the program (default podman). Exit codes: 2 usage, 69 no builder, else the
+# Take it when Debian publishes security updates. BUILDER names the program (default podman). Exit codes: 2 usage, 69 no builder, else the
 # builder's.
 set -eu
 cd "$(dirname "$0")/.."
-digest=${1-} tag=${2-umbrage}
+digest=${1:-$(sed -n 's/^ARG BASE_DIGEST=//p' deploy/Containerfile)} tag=${2-umbrage}
 hex=${digest#sha256:}
 case $hex in
 "$digest" | *[!0-9a-f]*) hex= ;;

@@ -17,7 +17,7 @@ view: ## open the city of `make demo` in the browser, or VIEW="ASSET --scene SCE
 	@$(MAKE) --no-print-directory -j$(CORES) $(BUILD)/umbrage web
 	@$(BUILD)/umbrage view $(or $(VIEW),demo-out/city.umb --scene demo-out/city.glb)
 
-container: ## the container image (BASE_DIGEST=sha256:..., IMAGE=umbrage; podman, or BUILDER=docker)
+container: ## the container image (IMAGE=umbrage, a newer BASE_DIGEST=sha256:...; podman, or BUILDER=docker)
 	@sh deploy/container.sh "$(BASE_DIGEST)" "$(or $(IMAGE),umbrage)"
 
 bindir ?= $(PREFIX)/bin

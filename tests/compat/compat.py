@@ -10,6 +10,8 @@ What a released version promised to later ones, as a folder of files, and the co
     ids.json                  the bakes' options and ids
     answers/*.f32             answers to points.f32 with the settings of QUERIES
     messages/*.request|reply  bytes of calls over gRPC; proto/ has the .proto files by which they are read
+    jobs/, jobs.json          a daemon's jobs folder with a finished job, and what `umbrage jobs --json` says of it
+    umbraged.conf             the configuration file of the package
     options.tsv, metrics.txt  options of the programs, and names of metrics with their types and labels
     json.txt, python.txt      keys that --json prints, names and parameters of the Python module
     abi.txt                   functions, structs and enums of the C libraries (tests/abi/record.txt)
@@ -35,16 +37,24 @@ QUERIES = {"taps1": (), "taps9": ("--taps", "9"), "tent": ("--taps", "5", "--fil
 PROGRAMS = ("umbrage", "umbraged", "umbrage-bake", "umbrage-study")
 # Fields of replies that differ from run to run or with the version, by their names in protoc's text.
 VOLATILE = re.compile(r"^\s*(nanoseconds|version|memory_bytes|packed_bytes|expected_ns|lines|nodes|bricks|encodings): ")
-FILES = {"shadows": "umbrage/v1/shadows.proto", "questions": "umbrage/v1/questions.proto"}
+FILES = {name: f"umbrage/v1/{name}.proto" for name in ("shadows", "questions", "regions", "bakes")}
+STREAMS = ("/umbrage.v1.Regions/Stream",)  # methods that reply by a stream: here of one message
+JOB = ("--sun", "180,45", "--up", "z", "--resolution", "256", "--verify", "0")
+JOBS = (os.path.join("jobs", "jobs.db"), os.path.join("jobs", "assets"))  # what stays of a finished job
 
 
-def calls(shadows, questions):
+def calls(messages):
     """{name: (path, request, reply's type, its .proto file)}"""
+    shadows, questions, regions, bakes = messages.shadows, messages.questions, messages.regions, messages.bakes
     points = struct.pack("<9f", 0, 2, 0, 0, -2, 0, 3, 3, 0.5)
     query = "/umbrage.v1.Shadows/Query"
     return {
         "query": (query, shadows.QueryRequest(asset="sun", taps=9, points=points), "QueryReply", "shadows"),
         "dial": (query, shadows.QueryRequest(asset="sun", max_error_m=2.0, points=points, want_stats=True), "QueryReply", "shadows"),
+        "packed": (query, shadows.QueryRequest(asset="suns", taps=5, light=1, points=points_of(), pack=True), "QueryReply", "shadows"),
+        "bits": (query, shadows.QueryRequest(asset="lamp", taps=9, points=points, format=shadows.ANSWER_BIT), "QueryReply", "shadows"),
+        "region": (STREAMS[0], regions.RegionRequest(asset="spot", offsets=[0, 64], lengths=[16, 4096]), "RegionReply", "regions"),
+        "jobs": ("/umbrage.v1.Bakes/List", bakes.ListJobsRequest(limit=10), "ListJobsReply", "bakes"),
         "describe": ("/umbrage.v1.Shadows/Describe", shadows.DescribeRequest(asset="suns", want_curves=True), "DescribeReply", "shadows"),
         "list": ("/umbrage.v1.Shadows/List", shadows.ListRequest(), "ListReply", "shadows"),
         "limits": ("/umbrage.v1.Shadows/Limits", shadows.LimitsRequest(), "LimitsReply", "shadows"),
@@ -93,7 +103,8 @@ def ask(test, daemon, requests):
     """{name: bytes of the reply} to {name: (path, bytes of the request)}."""
     import grpc
     with grpc.insecure_channel(daemon.grpc_unix) as channel:
-        return {name: channel.unary_unary(path)(data, timeout=60) for name, (path, data) in requests.items()}
+        return {name: b"".join(channel.unary_stream(path)(data, timeout=60)) if path in STREAMS else
+                channel.unary_unary(path)(data, timeout=60) for name, (path, data) in requests.items()}
 
 
 def decoded(folder, kind, file, data):
@@ -109,6 +120,11 @@ def points_of():
     return b"".join(struct.pack("<3f", *point) for point in grid)
 
 
+def jobs_now(daemon):
+    """What `umbrage jobs --json` says."""
+    return ut.run("umbrage", "jobs", "--json", "--address", daemon.grpc_unix).stdout
+
+
 def record(folder, test):
     write(read(ut.ROOT, "docs", "examples", "wall.obj"), folder, "scene.obj")
     write(points_of(), folder, "points.f32")
@@ -119,9 +135,10 @@ def record(folder, test):
     for name in BAKES:
         for setting, options in QUERIES.items():
             write(answers(folder, os.path.join(folder, "assets", name + ".umb"), options), folder, "answers", f"{name}-{setting}.f32")
-    daemon = test.daemon("--cache", test.path("cache-record"), store=os.path.join(folder, "assets"))
-    requests = {name: (path, message.SerializeToString())
-                for name, (path, message, _, _) in calls(test.messages.shadows, test.messages.questions).items()}
+    daemon = test.daemon("--cache", test.path("cache-record"), "--jobs", test.path("jobs-record"), store=os.path.join(folder, "assets"))
+    ut.run("umbrage", "submit", os.path.join(folder, "scene.obj"), *JOB, "--wait", "--quiet", "--address", daemon.grpc_unix)
+    write(jobs_now(daemon), folder, "jobs.json")
+    requests = {name: (path, message.SerializeToString()) for name, (path, message, _, _) in calls(test.messages).items()}
     for name, reply in ask(test, daemon, requests).items():
         write(requests[name][1], folder, "messages", name + ".request")
         write(reply, folder, "messages", name + ".reply")
@@ -129,10 +146,18 @@ def record(folder, test):
     for name, lines in lists_now(folder, test, daemon).items():
         write("\n".join(lines) + "\n", folder, name)
     shutil.copy(os.path.join(ut.ROOT, "tests", "abi", "record.txt"), os.path.join(folder, "abi.txt"))
+    shutil.copy(os.path.join(ut.ROOT, "deploy", "umbraged.conf"), folder)
     daemon.stop()
+    os.mkdir(os.path.join(folder, "jobs"))
+    for part in JOBS:
+        source = os.path.join(test.folder, part.replace("jobs", "jobs-record", 1))
+        if os.path.isdir(source):
+            shutil.copytree(source, os.path.join(folder, part), ignore=lambda _, names: [one for one in names if one.startswith(".")])
+        else:
+            shutil.copy(source, os.path.join(folder, part))
 
 
-def file_problems(folder, test):
+def file_problems(folder, test, _daemon):
     """Formats and ids: files are read, answers are the same bits, the same bake gives the same id."""
     for name, told in json.loads(read(folder, "ids.json")).items():
         asset = os.path.join(folder, "assets", name + ".umb")
@@ -150,7 +175,7 @@ def file_problems(folder, test):
 
 def wire_problems(folder, test, daemon):
     """Wire: recorded requests are answered with at least the recorded fields."""
-    table = calls(test.messages.shadows, test.messages.questions)
+    table = calls(test.messages)
     served = interfaces.proto_lines(os.path.join(ut.ROOT, "proto"))
     for line in interfaces.proto_lines(os.path.join(folder, "proto")):
         if line not in served:
@@ -171,6 +196,22 @@ def wire_problems(folder, test, daemon):
                 yield f"wire: the reply to {name} lacks {line.strip()[:100]}"
 
 
+def state_problems(folder, _test, daemon):
+    """What an installation keeps: the table of jobs with their assets, and the configuration."""
+    now = {job["job"]: job for job in json.loads(jobs_now(daemon))["jobs"]}
+    for before in json.loads(read(folder, "jobs.json"))["jobs"]:
+        found = now.get(before["job"], {})
+        for key in before:
+            if found.get(key) != before[key]:
+                yield f"jobs: {before['job']} has {key} {found.get(key)}, not {before[key]}"
+        done = ut.run("umbrage", "query", before["asset"], "--points", "-", "--address", daemon.grpc_unix, stdin=b"0 2 0\n", code=None)
+        if done.stdout.strip() != b"0":
+            yield f"jobs: the asset of {before['job']} is not served: {done.stderr.decode().strip()[:200]}"
+    done = ut.run("umbraged", "--config", os.path.join(folder, "umbraged.conf"), "--check-config", code=None)
+    if done.returncode != 0:
+        yield f"configuration: umbraged.conf is refused: {done.stderr.decode().strip()[:200]}"
+
+
 def list_problems(folder, test, daemon):
     """CLI, metrics, Python, API: what was there is there with the same kind."""
     for file, now in lists_now(folder, test, daemon).items():
@@ -186,13 +227,20 @@ def list_problems(folder, test, daemon):
         yield f"API: {done.stdout.strip()[-500:]}"
 
 
-def problems(folder, test):
+PARTS = (file_problems, wire_problems, state_problems, list_problems)
+
+
+def problems(folder, test, parts=PARTS):
     """What this build does otherwise than the version of a folder, a sentence each."""
-    daemon = test.daemon("--cache", test.path("cache-check"), store=os.path.join(folder, "assets"))
+    jobs = test.path("jobs-check")
+    shutil.rmtree(jobs, ignore_errors=True)
+    shutil.copytree(os.path.join(folder, "jobs"), jobs)
+    for place in (jobs, os.path.join(jobs, "assets")):
+        os.chmod(place, 0o700)
+    daemon = test.daemon("--cache", test.path("cache-check"), "--jobs", jobs, store=os.path.join(folder, "assets"))
     try:
-        yield from file_problems(folder, test)
-        yield from wire_problems(folder, test, daemon)
-        yield from list_problems(folder, test, daemon)
+        for part in parts:
+            yield from part(folder, test, daemon)
     finally:
         daemon.stop()
 

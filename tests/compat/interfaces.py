@@ -38,7 +38,8 @@ def json_now(test, folder, daemon):
     bake = (scene, "--sun", "180,45", "--resolution", "256", "--up", "z", "--closed", "off", "--json")
     few = ("--points", points, "--format", "f32", "--taps", "9", "--json")
     calls = {"info": ("info", asset, "--json"), "query": ("query", asset, *few), "query-explain": ("query", asset, *few, "--explain"),
-             "list": ("list", *at, "--json"), "sample": ("sample", asset, "--count", "5", "--json", "-o", out),
+             "list": ("list", *at, "--json"), "jobs": ("jobs", *at, "--json"),
+             "submit": ("submit", scene, "--sun", "180,45", "--up", "z", "--resolution", "256", "--verify", "0", "--wait", "--json", *at), "sample": ("sample", asset, "--count", "5", "--json", "-o", out),
              "verify": ("verify", asset, "--json"), "verify-scene": ("verify", asset, "--scene", scene, "--points", "1000", "--json"),
              "derive": ("derive", asset, "--size", "16", "--json", "-o", out), "unpack": ("unpack", asset, "--json", "-o", out),
              "stream": ("stream", "front", *at, "--box", "-1,-1,0,1,1,1", "--json", "-o", out),

@@ -4,7 +4,9 @@
 The Python module's types: `mypy --strict` accepts a user's script and the module, and finds the script's mistakes when
 they are made; help() has a text for every public name.
 """
+import inspect
 import os
+import re
 import subprocess
 import sys
 
@@ -44,15 +46,16 @@ def main(scene: str, out: str) -> int:
         low, high = asset.info.bounds
         points = np.random.default_rng(1).uniform(low, high, (100, 3)).astype(np.float32)
         print(shares(asset, points), sharpest(asset))
-        result: umbrage.Result = asset.query(points, max_error=5.0, stats=True)
+        result = asset.query(points, max_error=5.0, stats=True)
         print(result.bound_m, int(result.exact.sum()), result.stats.points)
+        print([one.taps for one in asset.query(points, light="all", stats=True)])
         segments = asset.segments(np.stack([points[:10], points[10:20]], 1), intervals=4)
         print(segments.lit.mean(), asset.columns(points).distance_m.max())
     with umbrage.open(out, partial=True) as part:
         held = part.fetch(umbrage.View(box=(low, high)), progress=lambda now: now.held_bytes > 1 << 20)
         print(held.pages_held, held.pages)
     try:
-        with umbrage.connect("tcp:127.0.0.1:1") as daemon:
+        with umbrage.connect("tcp:127.0.0.1:1", timeout=5.0) as daemon:
             print([listed.name for listed in daemon.assets()])
     except umbrage.Error as error:
         print(error.status)
@@ -64,7 +67,8 @@ if __name__ == "__main__":
 '''
 MISTAKES = [("row.bound_m", "row.bound_km"), ("progress=show", "progress=5"),
             ("taps=9", "tabs=9"), ("error.status", "error.state + 1"), ("light.name", "light.names"),
-            ("held.pages_held", "held.page_held"), ("View(box=", "View(bax=")]
+            ("held.pages_held", "held.page_held"), ("View(box=", "View(bax="), ("result.bound_m", "result.bound"),
+            ("one.taps", "one.tapes"), ("timeout=5.0", "time_out=5.0")]
 
 
 def mypy(text):
@@ -106,12 +110,35 @@ with test.check("the script runs as it stands"):
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     assert done.returncode == 0 and "E_UNAVAILABLE" in done.stdout, done.stdout
 
-with test.check("every public name has a help text, and so has every public method"):
+
+def unsaid(name, thing, names):
+    """Those of the names that the help text of a thing lacks; [name] where it has no text."""
+    text = inspect.getdoc(thing) or ""
+    return [f"{name}: {one}" for one in names if not re.search(rf"\b{one}\b", text)] if len(text) > 15 else [name]
+
+
+with test.check("help() of every public name, method and property names its parameters or fields, and what it raises"):
+    tried, lacks = 0, []
     for name in umbrage.__all__:
         thing = getattr(umbrage, name)
-        assert thing.__doc__ and len(thing.__doc__) > 20, name
-        for method, body in vars(thing).items() if isinstance(thing, type) else ():
-            if callable(body) and not method.startswith("_") and thing in (umbrage.Asset, umbrage.Daemon):
-                assert body.__doc__, f"{name}.{method}"
+        is_error = isinstance(thing, type) and issubclass(thing, umbrage.Error)
+        if not isinstance(thing, type):
+            lacks += unsaid(name, thing, inspect.signature(thing).parameters)
+        elif not is_error:
+            lacks += unsaid(name, thing, getattr(thing, "__dataclass_fields__", ()))
+        for method in dir(thing) if isinstance(thing, type) and not is_error else ():
+            body = inspect.getattr_static(thing, method)
+            if not method.startswith("_") and isinstance(body, property):
+                lacks += unsaid(f"{name}.{method}", body, ())
+            elif not method.startswith("_") and callable(body):
+                lacks += unsaid(f"{name}.{method}", getattr(thing, method), [
+                    one.name for one in inspect.signature(body).parameters.values()
+                    if one.name not in ("self", "cls") and one.kind != one.POSITIONAL_ONLY])
+                tried += 1
+    assert tried > 40 and not lacks, (tried, lacks)
+    for one in (umbrage.open, umbrage.connect, umbrage.bake, umbrage.Daemon, umbrage.Asset.query, umbrage.Asset.segments,
+                umbrage.Asset.columns, umbrage.Asset.boxes, umbrage.Asset.derive, umbrage.Asset.explain, umbrage.Asset.fetch,
+                umbrage.Daemon.submit, umbrage.Daemon.fetch, umbrage.Daemon.watch):
+        assert re.search(r"\b[Rr]aises\b", inspect.getdoc(one)), one
 
 test.finish()

@@ -51,12 +51,15 @@ cp "$wheel" "$folder/bare/"
 } | in_root bare --net
 same "Debian's packages of the guide are installed" 0 $?
 find_all='find / -xdev \( -path /proc -o -path /run -o -path /script -o -path /tmp -o -name __pycache__ \) -prune -o -print | sort'
+find_env='find . -name __pycache__ -prune -o -print | sort'
 {
+    echo "$find_all >/before"
     echo 'cd / && begin=$(date +%s)'
     page_block docs/guide/python.md install-wheel | grep -v '^apt-get'
     page_block docs/guide/python.md first-answer-python
     echo "$stop_watch"
-    echo "$find_all >/with && env/bin/pip uninstall -y umbrage && $find_all >/without"
+    echo "$find_all >/with && env/bin/pip uninstall -y umbrage && rm wall.obj wall.umb && $find_all >/without"
+    echo "python3 -m venv --system-site-packages /fresh && (cd /fresh && $find_env) >/wanted && (cd /env && $find_env) >/left"
 } >"$folder/first"
 check "the guide has the commands" grep -q 'pip install' "$folder/first"
 in_root bare <"$folder/first"
@@ -65,6 +68,7 @@ tail -n 3 "$folder/bare.log"
 check "the answer is the wall's shadow" grep -qxE '0(\.0)?' "$folder/bare.log"
 in_time "$folder/bare/seconds"
 same "no library of ours or of Embree is the system's" "" "$(ls "$folder/bare/usr/lib"/*/ | grep -E 'libumbrage|libembree' | tr '\n' ' ')"
-same "removal leaves no file" "" "$(grep site-packages/umbrage "$folder/bare/without")"
-check "where there were some" grep -q site-packages/umbrage/lib "$folder/bare/with"
+check "the wheel has files in the environment" grep -q site-packages/umbrage/lib "$folder/bare/with"
+same "removal leaves an environment like a new one" "" "$(comm -3 "$folder/bare/wanted" "$folder/bare/left")"
+same "and nothing beside it" "" "$(comm -13 "$folder/bare/before" "$folder/bare/without" | grep -vE '^/(env(/|$)|times|seconds|before|with)')"
 finish

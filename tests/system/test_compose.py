@@ -53,7 +53,8 @@ with test.check("every service is shut in: read-only root, no capabilities, no g
 
 with test.check("images of others are pinned by digests; one port is published, on loopback"):
     for name, service in services.items():
-        assert service["image"] == "${UMBRAGE_IMAGE:-umbrage}" or re.search(r"@\$\{[A-Z]+_DIGEST:\?", service["image"]), name
+        assert service["image"] == "${UMBRAGE_IMAGE:-umbrage}" or re.search(
+            r"@\$\{[A-Z]+_DIGEST:(\?|-sha256:[0-9a-f]{64}\}$)", service["image"]), name
     assert [service["ports"] for service in services.values() if "ports" in service] == [["127.0.0.1:${UMBRAGE_PORT:-7420}:7420"]]
     assert all(one["network_mode"] in ("service:haproxy", "none") for name, one in services.items() if name != "haproxy")
 

@@ -25,7 +25,9 @@ sh -c "$pin"
 same "its packages come from the base's snapshot" "URIs: http://snapshot.example/archive/debian/20250520T000000Z" \
     "$(grep '^URIs' "$folder/debian.sources")"
 check "which may be older than a week" grep -q 'Check-Valid-Until "false"' "$folder/90snapshot"
-same "the digest has no default" "ARG BASE_DIGEST" "$(grep '^ARG' "$folder/lines")"
+pinned=$(sed -n 's/^ARG BASE_DIGEST=//p' "$folder/lines")
+check "the file pins the digest" sh -c "echo '$pinned' | grep -qxE 'sha256:[0-9a-f]{64}'"
+same "and has no other argument" "ARG BASE_DIGEST=$pinned" "$(grep '^ARG' "$folder/lines")"
 check "it runs as a number that is not root" sh -c "echo '$(last USER)' | grep -qE '^[1-9][0-9]*:[1-9][0-9]*$'"
 for program in umbraged umbrage umbrage-bake; do
     check "it has $program" sh -c "grep '^COPY --from=build' '$folder/stage' | grep -q '/usr/bin/$program '"
@@ -84,10 +86,14 @@ printf '%s\n' "$*"
 SCRIPT
 chmod +x "$folder/builder"
 good=sha256:$(printf '%064d' 7)
-for wrong in "" latest "sha256:" "sha256:$(printf '%063d' 7)" "sha256:$(printf '%065d' 7)" "$(printf '%064d' 7)" "sha256:$(printf 'X%063d' 7)"; do
+for wrong in latest "sha256:" "sha256:$(printf '%063d' 7)" "sha256:$(printf '%065d' 7)" "$(printf '%064d' 7)" "sha256:$(printf 'X%063d' 7)"; do
     BUILDER=$folder/builder sh deploy/container.sh "$wrong" >"$folder/out" 2>"$folder/err"
     same "'$wrong' is no digest" "2 0" "$? $(wc -c <"$folder/out")"
 done
 same "a digest goes to the builder" "build --build-arg BASE_DIGEST=$good --file deploy/Containerfile --tag mine ." \
     "$(BUILDER=$folder/builder sh deploy/container.sh "$good" mine)"
+same "without one the Containerfile's goes there" "build --build-arg BASE_DIGEST=$pinned --file deploy/Containerfile --tag umbrage ." \
+    "$(BUILDER=$folder/builder sh deploy/container.sh)"
+same "with an empty one too" "build --build-arg BASE_DIGEST=$pinned --file deploy/Containerfile --tag mine ." \
+    "$(BUILDER=$folder/builder sh deploy/container.sh "" mine)"
 finish

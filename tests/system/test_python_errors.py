@@ -108,11 +108,62 @@ with test.check("volume queries and maps refuse bad arguments by their names"):
     refused(lambda: asset.derive(16, 16, cascades=2), "camera")
     refused(lambda: asset.explain((1, 2)), "point")
     refused(lambda: asset.explain((1, 2, 3), taps=4), "taps")
+    refused(lambda: asset.fetch("x"), "views")
+    refused(lambda: asset.fetch(progress=5), "progress")
+    refused(lambda: asset.fetch(max_bytes=-1), "max_bytes")
     with umbrage.open(ASSET, partial=True) as part:
         refused(lambda: part.fetch(umbrage.View(box=((0, 0, 0),))), "box")
         refused(lambda: part.fetch(umbrage.View(eye=(0, 0, 0), fov_y=9.0)), "fov_y")
         refused(lambda: part.query(P, format="bit"), "format", kinds=umbrage.UnsupportedError)
         refused(lambda: part.boxes(np.zeros((1, 2, 3))), kinds=umbrage.UnsupportedError)
+
+# Functions that take arrays: a call, the argument's name, a good array, and the word that C has for its records.
+ENDS, BOXES = np.stack([P[:32], P[32:]], 1), np.stack([P[:32], P[:32] + np.float32(5)], 1).astype(np.float64)
+ARRAYS = (("points", P, lambda on, array: on.query(array)), ("normals", P, lambda on, array: on.query(P, array)),
+          ("footprints", np.abs(P[:, 0]), lambda on, array: on.query(P, footprints=array, filter="footprint")),
+          ("points", P, lambda on, array: on.columns(array)), ("ends", ENDS, lambda on, array: on.segments(array)),
+          ("boxes", BOXES, lambda on, array: on.boxes(array)))
+
+
+def spoiled(good):
+    """(array, words of its refusal): wrong dtypes, shapes, strides, and what is no array."""
+    yield from ((good.astype(kind), "dtype") for kind in (np.int64, np.float16, ">f4", complex, bool))
+    yield from ((bad, "") for bad in (5, "abc", object(), [["x"] * 3], [good.astype(object).tolist(), 1], {}))
+    yield np.ma.masked_less(good, 0), "masked"
+    yield from ((bad, "") for bad in (good[::2], good[..., None], good[..., :2] if good.ndim > 1 else good[:5]))
+    if good.ndim > 1:
+        yield np.asfortranarray(good), "contiguous"
+
+
+with test.check("every function that takes arrays refuses wrong dtypes, shapes and strides by the argument's name"):
+    for name, good, call in ARRAYS:
+        call(asset, good)
+        for bad, word in spoiled(good):
+            refused(lambda: call(asset, bad), name, word)
+
+with test.check("NaN and infinity are named by record and axis; a normal that is NaN is none"):
+    for name, good, call in ARRAYS:
+        for number in (NAN, INF, -INF):
+            bad = good.copy()
+            bad.reshape(-1)[7] = number
+            if name == "normals":
+                assert (call(asset, np.full_like(good, number)) == asset.query(P)).all()
+            else:
+                refused(lambda: call(asset, bad), name, "[", "nan" if number != number else "inf")
+
+with test.check("arrays that may only be read are taken, and stay as they are"):
+    for name, good, call in ARRAYS:
+        fixed = good.copy()
+        fixed.flags.writeable = False
+        call(asset, fixed)
+        assert (fixed == good).all(), name
+
+with test.check("explain takes one light and settings of a query"):
+    for words in (dict(bogus=1), dict(max_error=3.0), dict(stats=True), dict(light=[]), dict(light="all")):
+        refused(lambda: asset.explain((1, 2, 3), **words), next(iter(words)))
+    for bad in ((1, 2), (1, 2, NAN), "123", 5, None):
+        refused(lambda: asset.explain(bad), "point")
+    refused(lambda: asset.explain((1, 2, 3), (1, 2)), "normal")
 
 with test.check("empty batches have empty answers"):
     none = np.empty((0, 3), np.float32)
@@ -126,7 +177,13 @@ with test.check("a closed asset refuses; closing twice and in a with statement i
         with gone:
             gone.query(P)
         gone.close()
-        refused(lambda: gone.query(P), "closed")
+        for call in (lambda: gone.query(P), lambda: gone.query(P, max_error=9.0), lambda: gone.segments(ENDS), lambda: gone.columns(P),
+                     lambda: gone.boxes(BOXES), lambda: gone.derive(16, 16), lambda: gone.explain((1, 2, 3)),
+                     lambda: gone.fetch(umbrage.View()), gone.held):
+            try:
+                refused(call, "closed")
+            except umbrage.UnsupportedError:
+                assert isinstance(gone, umbrage.RangeAsset)  # it has no such answers, open or closed
     held = umbrage.open(ASSET)
     large = np.tile(P, (100000, 1))
     want, found = held.query(large, taps=17), []
@@ -139,10 +196,10 @@ with test.check("a closed asset refuses; closing twice and in a with statement i
     thread.join()
     assert was_busy and (found[0] == want).all()
 
-with test.check("Ctrl-C ends a long batch, a wait for a job and a bake at once; the asset stays usable"):
-    def interrupted(call):
+with test.check("Ctrl-C ends a long batch and a bake at once; the asset stays usable"):
+    def interrupted(call, after_s=0.3):
         pid = os.getpid()
-        threading.Timer(0.3, lambda: os.kill(pid, signal.SIGINT)).start()
+        threading.Timer(after_s, lambda: os.kill(pid, signal.SIGINT)).start()
         begin = time.monotonic()
         try:
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -162,6 +219,18 @@ with test.check("Ctrl-C ends a long batch, a wait for a job and a bake at once; 
                                      resolution=1024, verify=10**9))
     assert sorted(os.listdir(test.folder)) == folder
     assert asset.query(P).shape == (64,)
+
+with test.check("Ctrl-C ends volume queries, maps and the choice by a budget too"):
+    def repeated(call):
+        end = time.monotonic() + 20
+        while time.monotonic() < end:
+            call()
+
+    ends, boxes = np.tile(np.stack([P[:32], P[32:]], 1), (3000, 1, 1)), np.tile(np.array([[low, high]]), (50, 1, 1))
+    for call in (lambda: asset.segments(ends), lambda: asset.columns(large), lambda: asset.boxes(boxes),
+                 lambda: asset.derive(2048, 2048), lambda: asset.query(large[:200000], budget=1e6)):
+        for _ in range(3):
+            assert interrupted(lambda: repeated(call), 0.1) < 10
 
 with test.check("what a callback raises reaches the caller"):
     class Mine(Exception):

@@ -453,4 +453,89 @@ with umbrage.connect(PLACE) as there:
     os.unlink("out.umb")
 ''')
 
+runs("an asset of a daemon, and a daemon, refuse by the argument's name, also closed", '''
+ends, boxes = np.stack([P[:32], P[32:]], 1), np.stack([P[:32], P[:32] + np.float32(5)], 1).astype(float)
+far, there = umbrage.open(PLACE + "/city"), umbrage.connect(PLACE)
+calls = (("points", P, lambda array: far.query(array)), ("normals", P, lambda array: far.query(P, array)),
+         ("points", P, lambda array: far.columns(array)), ("ends", ends, lambda array: far.segments(array)),
+         ("boxes", boxes, lambda array: far.boxes(array)))
+for name, good, call in calls:
+    for bad in (good.astype(int), good.astype(">f4"), good[..., :2], good[::2], np.asfortranarray(good), "abc", None, 5):
+        if bad is not None or name != "normals":
+            refused(lambda: call(bad), name)
+    bad = good.copy()
+    bad.reshape(-1)[7] = np.nan
+    if name != "normals":
+        assert "nan" in str(refused(lambda: call(bad), name)), name
+for words in (dict(taps=4), dict(light=9), dict(light="moon"), dict(filter="x"), dict(bias=-1), dict(max_error=-1.0)):
+    refused(lambda: far.query(P, **words), next(iter(words)))
+refused(lambda: far.derive(16, 16), "file", umbrage.UnsupportedError)
+refused(lambda: there.open("none"), "none", umbrage.NotFoundError)
+refused(lambda: there.jobs(limit=-1), "limit")
+refused(lambda: there.jobs(limit=1001), "limit")
+refused(lambda: there.cancel("0" * 32), "0" * 32, umbrage.NotFoundError)
+refused(lambda: there.wait("0" * 32), "0" * 32, umbrage.NotFoundError)
+refused(lambda: there.delete("zz"), "asset_id")
+refused(lambda: there.delete("0" * 64), "", umbrage.NotFoundError)
+refused(lambda: there.fetch("0" * 64, "none.umb"), "", umbrage.NotFoundError)
+refused(lambda: there.fetch("0" * 64, "none.umb", max_bytes=-1), "max_bytes")
+far.close()
+there.close()
+for _, good, call in calls:
+    refused(lambda: call(good), "closed", ValueError)
+for call in (there.assets, there.jobs, lambda: there.open("city"), lambda: there.open_ranges("city"), lambda: there.submit(SCENE),
+             lambda: next(there.watch("0" * 32)), lambda: there.wait("0" * 32), lambda: there.cancel("0" * 32),
+             lambda: there.fetch("0" * 64, "none.umb"), lambda: there.delete("0" * 64), far.held, far.fetch):
+    refused(call, "closed", ValueError)
+assert not [name for name in os.listdir(".") if "none.umb" in name]
+''')
+
+runs("Ctrl-C ends a wait for a job, a watch and a large batch of a daemon, and the daemon answers again", '''
+signal.signal(signal.SIGINT, signal.default_int_handler)
+large = np.tile(P, (20000, 1))
+with umbrage.connect(PLACE) as there, there.open("city") as far:
+    job = there.submit(SCENE, {"resolution": 2048, "sun": "9,45", "verify": 10**9})
+    for call in (lambda: there.wait(job), lambda: list(there.watch(job)), lambda: [far.query(large, taps=17) for _ in range(10**6)]):
+        threading.Timer(0.4, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+        begin = time.monotonic()
+        try:
+            call()
+            raise AssertionError("not interrupted")
+        except KeyboardInterrupt:
+            assert time.monotonic() - begin < 10
+        assert far.query(P).shape == (64,)
+    there.cancel(job)
+    assert there.wait(job).state == "failed"
+''')
+
+runs("threads that share an asset of ranges take turns: bounds hold, and a close ends the others by an exception", '''
+with umbrage.open(ASSET) as whole:
+    want = whole.query(P, taps=9)
+part, bad, done = umbrage.open(ASSET, partial=True), [], []
+
+
+def ask(number):
+    try:
+        while True:
+            part.fetch(BOX, max_bytes=20000) if number == 0 else None
+            told = part.query(P, taps=9, stats=True)
+            assert (told.low <= want).all() and (want <= told.high).all() and (told.values[told.exact] == want[told.exact]).all()
+            done.append(number)
+    except ValueError as problem:
+        assert "closed" in str(problem)
+    except BaseException as problem:
+        bad.append(problem)
+
+
+threads = [threading.Thread(target=ask, args=(number,)) for number in range(4)]
+for thread in threads:
+    thread.start()
+while len(done) < 200 and not bad:
+    time.sleep(0.01)
+part.close()
+for thread in threads:
+    thread.join()
+assert not bad, bad
+''')
+
 test.finish()

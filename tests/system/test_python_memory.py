@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-The Python module under valgrind with Debian's python3: files, ranges, volume queries, maps, refusals and a daemon leave no
-leak and no bad access in a stack of ours. What valgrind says of Python and numpy alone is not counted.
+The Python module under valgrind with Debian's python3: files, ranges, volume queries, maps, refusals, a daemon and its
+jobs leave no leak and no bad access in a stack of ours. What valgrind says of Python and numpy alone is not counted.
 """
 import os
 import re
@@ -26,7 +26,7 @@ import gc, os, sys
 sys.path.insert(0, {os.path.join(ut.BUILD, "python")!r})
 import numpy as np
 import umbrage
-ASSET, PLACE = {ASSET!r}, {daemon.grpc_unix!r}
+ASSET, PLACE, SCENE = {ASSET!r}, {daemon.grpc_unix!r}, {test.scene("city", 4)!r}
 
 
 def refused(call):
@@ -72,6 +72,13 @@ for turn in range(2):
         refused(lambda: there.fetch("00" * 32, "none.umb"))
         with there.open_ranges("city") as part:
             part.fetch(umbrage.View(box=part.info.bounds))
+        job = there.submit(SCENE, {{"resolution": 256, "sun": f"{{turn}},45", "verify": 0}}, progress=lambda sent, total: None)
+        status = there.wait(job)
+        there.fetch(status.asset, os.path.join({test.folder!r}, "fetched.umb"))
+        there.delete(status.asset)
+        refused(lambda: there.submit("none.glb"))
+        refused(lambda: there.cancel("0" * 32))
+        next(there.watch(job))
     gc.collect()
 # A block that nothing frees, which must be found.
 lost = umbrage._library.ffi.new("struct umb_asset **")

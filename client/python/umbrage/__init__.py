@@ -8,11 +8,13 @@ umbrage: how much of a light reaches these points?
 
 Arrays go in and come out without a copy, and other Python threads run meanwhile.
 
-    open(place)            an Asset: of a file, of a web server, or of a daemon; Asset.query answers points
-    connect(address)       a Daemon: its assets, and jobs that bake
-    bake(scene, output)    runs umbrage-bake
-    View, Asset.fetch      the part of an asset that a camera or a box needs
-    Error                  base of all exceptions but the TypeError or ValueError of a wrong argument
+    open(where)        an Asset: of a file, of a web server, or of a daemon
+    Asset              query answers points; segments, columns, boxes; derive makes maps; fetch reads what a View needs
+    connect(address)   a Daemon: its assets; jobs that bake: submit, watch, fetch
+    bake(scene, output)  runs umbrage-bake
+    Error              base of all exceptions but the TypeError or ValueError of a wrong argument
+
+help(umbrage.Asset.query) and so on say shapes, units and errors; docs/guide/python.md has examples.
 """
 from pkgutil import extend_path
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 import weakref
-from typing import Any, Callable
+from typing import Any, Callable, Union
 
 from ._declarations import ffi as _ffi
 from .errors import raise_status
 
 ffi: Any = _ffi
 OWN = os.path.dirname(os.path.abspath(__file__))
+Path = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
 
 
 def _load(name: str) -> Any:

@@ -5,7 +5,7 @@ Assets and answers: what is common to assets of files, of ranges and of daemons.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
-from typing import Any, Callable, Iterable, Optional, Sequence, Union
+from typing import Any, Callable, Iterable, Literal, Optional, Sequence, Union, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +13,10 @@ import numpy.typing as npt
 from ._arrays import DOUBLE, FLOAT, as_array, c_points, triple, writable
 from ._library import ffi
 from ._settings import FORMATS, Dial, choose, count
-from .errors import NotFoundError, UnsupportedError
+from .errors import ArgumentError, NotFoundError, UnsupportedError
 from .info import AssetInfo, Light
 from .maps import Camera, Derived
-from .views import Held, Triple, View
+from .views import Held, Triple, View, check_fetch
 
 BYTE = np.dtype("uint8")
 THREADS_MAX = 1024
@@ -27,7 +27,16 @@ LightChoice = Union[int, str, Sequence[Union[int, str]]]
 
 @dataclass(frozen=True)
 class Stats:
-    """Counts of a query (struct umb_query_stats)."""
+    """
+    Counts of a query (struct umb_query_stats).
+
+    points          points that were answered
+    outside         points beside the light's frustum: lit
+    before, behind  points before its first voxel: lit; behind its last: answered as that voxel
+    facing_away     points that their normal shadows
+    undefined       points too far from every surface of an asset baked under the static rule: answers mean nothing
+    nodes, bricks   parts of the DAG that were read; they depend on how a batch is split
+    """
 
     points: int = 0
     outside: int = 0
@@ -138,6 +147,10 @@ class Asset:
 
     info: AssetInfo
 
+    def _require_open(self) -> Any:
+        """What calls need of the asset. Raises ValueError if it is closed."""
+        raise NotImplementedError
+
     def __enter__(self) -> "Asset":
         return self
 
@@ -158,6 +171,52 @@ class Asset:
         """The lights, in the order of their numbers."""
         return self.info.lights
 
+    # What `stats` and `light` make of the answer. One light is listed before several: a name is a sequence too.
+    @overload
+    def query(self, points: Numbers, normals: Optional[Numbers] = ..., *, taps: Optional[int] = ...,
+              light: LightChoice = ..., filter: str = ..., bias: Union[str, float] = ..., bias_unit: str = ...,
+              format: str = ..., origin: Optional[Triple] = ..., footprints: Optional[Numbers] = ...,
+              footprint_m: float = ..., level: int = ..., light_extent: float = ..., opaque_only: bool = ...,
+              eye: Optional[Triple] = ..., pixel_rad: float = ..., max_error: float = ..., max_visibility: float = ...,
+              budget: float = ..., stats: Literal[False] = ..., threads: int = ...,
+              out: Optional[npt.NDArray[Any]] = ...) -> npt.NDArray[Any]: ...
+
+    @overload
+    def query(self, points: Numbers, normals: Optional[Numbers] = ..., *, taps: Optional[int] = ...,  # type: ignore
+              light: Literal["all"], filter: str = ..., bias: Union[str, float] = ..., bias_unit: str = ...,
+              format: str = ..., origin: Optional[Triple] = ..., footprints: Optional[Numbers] = ...,
+              footprint_m: float = ..., level: int = ..., light_extent: float = ..., opaque_only: bool = ...,
+              eye: Optional[Triple] = ..., pixel_rad: float = ..., max_error: float = ..., max_visibility: float = ...,
+              budget: float = ..., stats: Literal[True], threads: int = ...,
+              out: Optional[npt.NDArray[Any]] = ...) -> list[Result]: ...
+
+    @overload
+    def query(self, points: Numbers, normals: Optional[Numbers] = ..., *, taps: Optional[int] = ...,  # type: ignore
+              light: Union[int, str] = ..., filter: str = ..., bias: Union[str, float] = ..., bias_unit: str = ...,
+              format: str = ..., origin: Optional[Triple] = ..., footprints: Optional[Numbers] = ...,
+              footprint_m: float = ..., level: int = ..., light_extent: float = ..., opaque_only: bool = ...,
+              eye: Optional[Triple] = ..., pixel_rad: float = ..., max_error: float = ..., max_visibility: float = ...,
+              budget: float = ..., stats: Literal[True], threads: int = ...,
+              out: Optional[npt.NDArray[Any]] = ...) -> Result: ...
+
+    @overload
+    def query(self, points: Numbers, normals: Optional[Numbers] = ..., *, taps: Optional[int] = ...,
+              light: Sequence[Union[int, str]], filter: str = ..., bias: Union[str, float] = ..., bias_unit: str = ...,
+              format: str = ..., origin: Optional[Triple] = ..., footprints: Optional[Numbers] = ...,
+              footprint_m: float = ..., level: int = ..., light_extent: float = ..., opaque_only: bool = ...,
+              eye: Optional[Triple] = ..., pixel_rad: float = ..., max_error: float = ..., max_visibility: float = ...,
+              budget: float = ..., stats: Literal[True], threads: int = ...,
+              out: Optional[npt.NDArray[Any]] = ...) -> list[Result]: ...
+
+    @overload
+    def query(self, points: Numbers, normals: Optional[Numbers] = ..., *, taps: Optional[int] = ...,
+              light: LightChoice = ..., filter: str = ..., bias: Union[str, float] = ..., bias_unit: str = ...,
+              format: str = ..., origin: Optional[Triple] = ..., footprints: Optional[Numbers] = ...,
+              footprint_m: float = ..., level: int = ..., light_extent: float = ..., opaque_only: bool = ...,
+              eye: Optional[Triple] = ..., pixel_rad: float = ..., max_error: float = ..., max_visibility: float = ...,
+              budget: float = ..., stats: bool, threads: int = ...,
+              out: Optional[npt.NDArray[Any]] = ...) -> Any: ...
+
     def query(self, points: Numbers, normals: Optional[Numbers] = None, *, taps: Optional[int] = None, light: LightChoice = 0,
               filter: str = "box", bias: Union[str, float] = "auto", bias_unit: str = "metres", format: str = "f32",
               origin: Optional[Triple] = None, footprints: Optional[Numbers] = None, footprint_m: float = 0.0,
@@ -167,26 +226,33 @@ class Asset:
         """
         Answers how much of a light reaches each point: 0 shadowed, 1 lit.
 
-        points      float32 or float64[..., 3], metres, world space; contiguous; not copied
-        normals     float32[..., 3], world space, any length; exact bias, and receivers that face away are shadowed
-        taps        width of the filter in texels, odd, 1 to 17; None: 1, or the choice of max_error and its like
-        light       number or name of a light; a list of them or "all" puts an axis of lights first
-        filter      "box", "tent", "gaussian", "penumbra" or "footprint"
-        bias        "auto", "none", or a length in bias_unit ("metres" or "voxels")
-        format      "f32": float32; "u8": 0 to 255; "bit": uint8, bit i % 8 of byte i / 8 belongs to point i
-        origin      added to every point: keep national coordinates here and float32 offsets in `points`
-        footprints  float32[...], metres: side of each point's square, for the filter "footprint"
-        footprint_m, level, light_extent, opaque_only, eye, pixel_rad   as in umbrage/query.h
+        points        float32 or float64[..., 3], metres, world space; contiguous; not copied
+        normals       float32[..., 3], world space, any length: exact bias, and receivers that face away are shadowed;
+                      a normal that is zero or not finite counts as none
+        taps          width of the filter in texels, odd, 1 to 17; None: 1, or the choice of max_error and its like
+        light         number or name of a light; a list of them or "all" puts an axis of lights first
+        filter        "box", "tent", "gaussian", "penumbra" or "footprint"
+        bias          "auto", "none", or a length in bias_unit ("metres" or "voxels")
+        format        "f32": float32; "u8": 0 to 255; "bit": uint8, bit i % 8 of byte i / 8 belongs to point i
+        origin        metres, added to every point: keep national coordinates here and float32 offsets in `points`
+        footprints    float32[...], metres: side of each point's square, for the filter "footprint"
+        footprint_m   metres: that side for all points; box and tent: width of the window instead of taps
+        level         0: voxels; else odd, from 3: cells of 2^level voxels a side, faster, answers 0, 0.5 or 1
+        light_extent  radians: the sun's angular diameter for the filter "penumbra"; 0: the asset's
+        opaque_only   True: casters that let light through are ignored
+        eye, pixel_rad   eye in metres and angle of a pixel in radians, for "footprint" instead of footprint_m
         max_error, max_visibility, budget   choose taps and level instead: largest bound in metres, largest error of
-                    visibility, nanoseconds a point (umbrage/curve.h)
-        stats       True: returns a Result with bounds, marks and counts, not the array alone
-        threads     number of threads to share the batch, in process
-        out         array for the answers, of their shape and dtype
+                      visibility, nanoseconds a point (umbrage/curve.h)
+        stats         True: returns a Result with bounds, marks and counts, not the array alone
+        threads       number of threads to share the batch, in process
+        out           array for the answers, of their shape and dtype
 
-        Returns an array in the shape of the points, or a Result; for several lights, with `stats`, a list of Results.
+        Returns an array in the shape of the points ("bit": of bytes), or a Result; for several lights, with `stats`, a
+        list of Results. Answers are the same bits for every batch size and number of threads, in process or over a
+        daemon.
+
         Raises TypeError or ValueError that names the argument, and umbrage.Error. Ctrl-C ends a long batch within
         milliseconds (a daemon: the call is left to its deadline).
-        Answers are the same bits for every batch size and number of threads, in process or over a daemon.
         """
         given: Any = as_array(points, "points", 3)
         if threads.__class__ is not int or threads != 1:
@@ -261,11 +327,13 @@ class Asset:
         Finds the lit intervals of segments.
 
         ends       float32 or float64[..., 2, 3] (or [..., 6]): both ends, metres, world space; contiguous
+        light      number of the light
         intervals  number of intervals to return of each segment
-        origin     added to every end
+        origin     metres, added to every end
 
         Exact for the stored voxels; no filter, no bias. Spot, point and directional lights.
-        Raises UnsupportedError for assets baked under the static rule.
+        Raises TypeError or ValueError that names the argument, NotFoundError for a light, UnsupportedError for assets
+        baked under the static rule.
         """
         array = as_array(ends, "ends", None)
         if array.shape[-2:] != (2, 3) and array.shape[-1:] != (6,):
@@ -274,7 +342,11 @@ class Asset:
         most = count(intervals, "intervals", 1 << 20)
         lit = ffi.new("struct umb_segment_answer[]", max(number, 1))
         parts = np.full((number, most, 2), np.nan)
-        self._segments(count(light, "light"), array, number, origin, lit, most, parts)
+        try:
+            self._segments(count(light, "light"), array, number, origin, lit, most, parts)
+        except ArgumentError as problem:  # C numbers the records of the argument
+            told = str(problem)
+            raise ArgumentError(f"ends: {told}" if told.startswith("segments[") else told, problem.status) from None
         raw = np.frombuffer(ffi.buffer(lit), np.dtype([("lit", "f8"), ("lit_m", "f8"), ("n", "u8")]))[:number]
         return Segments(raw["lit"].copy(), raw["lit_m"].copy(), raw["n"].astype(np.int64), parts)
 
@@ -286,8 +358,11 @@ class Asset:
         Finds the first occluder on the light's way to each point's column of voxels.
 
         points  float32 or float64[..., 3], metres, world space; contiguous
+        light   number of the light
+        origin  metres, added to every point
 
-        Raises UnsupportedError for assets baked under the closed rule without the effect `front`.
+        Raises TypeError or ValueError that names the argument, NotFoundError for a light, UnsupportedError for assets
+        baked under the closed rule without the effect `front`.
         """
         array = as_array(points, "points", 3)
         number = array.size // 3
@@ -305,9 +380,11 @@ class Asset:
         """
         Counts the lit voxels of boxes.
 
-        boxes  float64[n, 2, 3]: lowest and highest corner, metres, world space
+        boxes  float64[n, 2, 3]: lowest and highest corner, metres, world space; contiguous
+        light  number of the light
 
-        A voxel is in a box if its centre is. Raises UnsupportedError for spot and point lights.
+        A voxel is in a box if its centre is. Raises TypeError or ValueError that names the argument, NotFoundError for
+        a light, UnsupportedError for spot and point lights.
         """
         array = as_array(boxes, "boxes", 3, (DOUBLE,))
         if array.ndim != 3 or array.shape[1] != 2:
@@ -329,11 +406,15 @@ class Asset:
         width, height  texels of each map; powers of two with mips
         technique      "pcf" (depth), "vsm", "esm", "evsm" or "msm"
         format         "f32", "f16" or "u16"
+        light          number of the light
+        mips           True: with the chain of smaller maps; "pcf" has none
         rect           x0, y0, x1, y1 in voxels of the light's frustum; None: all of it
-        camera, cascades, weight   a map for each slice of the camera's view (umbrage/cascades.h)
+        camera, cascades   that many maps, one for each slice of the camera's view
+        weight         where slices end: 0 equal lengths, 1 equal ratios (umbrage/cascades.h)
 
-        Raises UnsupportedError for spot and point lights, for assets baked under the closed rule without the effect
-        `front`, and for assets of ranges and daemons.
+        Ctrl-C ends it between two rows. Raises TypeError or ValueError that names the argument, NotFoundError for a
+        light, LimitError for maps that are too large, UnsupportedError for spot and point lights, for assets baked
+        under the closed rule without the effect `front`, and for assets of ranges and daemons.
         """
         raise UnsupportedError("derive needs an asset of a file", "E_UNSUPPORTED")
 
@@ -341,9 +422,10 @@ class Asset:
         """
         How the answer of one point comes about, step by step: the fields of struct umb_explanation as a dict.
 
+        point, normal  three numbers, metres, world space; the normal of any length
         settings  keywords of `query` that set how it answers: light, taps, filter, bias ...
 
-        Raises UnsupportedError for assets of ranges and daemons.
+        Raises TypeError or ValueError that names the argument, UnsupportedError for assets of ranges and daemons.
         """
         raise UnsupportedError("explain needs an asset of a file", "E_UNSUPPORTED")
 
@@ -354,10 +436,16 @@ class Asset:
 
         max_bytes  bytes to read before it stops; 0: no limit
         progress   called with what is held after each round; a true result stops
+
+        Raises TypeError or ValueError that names the argument, FormatError for bytes that are not the asset's,
+        LimitError for more memory than `open` allows, FileError, UnavailableError.
         """
+        check_fetch(views, progress)
+        count(max_bytes, "max_bytes", 2**64 - 1)
         return self.held()
 
     def held(self) -> Held:
         """What of the asset is here."""
+        self._require_open()
         size = self.info.packed_bytes or self.info.memory_bytes
         return Held(1, 1, size, size, self.info.memory_bytes, 0, 0, 0)

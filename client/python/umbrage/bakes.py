@@ -11,9 +11,10 @@ import signal
 import subprocess
 import threading
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Callable, Iterator, Mapping, Optional
 
-from ._library import OWN, path_text
+from ._library import OWN, Path, path_text
 from .errors import CancelledError, Error, FileError, SceneError
 
 # Exit codes of umbrage-bake that have an exception of their own.
@@ -43,12 +44,24 @@ class Progress:
     unit: str = ""
 
 
+def _is_numbers(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) > 1 and all(
+        isinstance(one, Real) and not isinstance(one, bool) for one in value)
+
+
+def _text_of(value: Any) -> str:
+    return ",".join(map(str, value)) if _is_numbers(value) else str(value)
+
+
 def pairs_of(options: Mapping[str, Any]) -> Iterator[tuple[str, Optional[str]]]:
-    """Names and values of options: True is an option without a value, False and None are left out, a list repeats."""
+    """
+    Names and values of options: True is an option without a value, False and None are left out. Several numbers are one
+    value, as sun=(135, 40); any other list repeats the option.
+    """
     for name, value in options.items():
-        for one in value if isinstance(value, (list, tuple)) else (value,):
+        for one in value if isinstance(value, (list, tuple)) and not _is_numbers(value) else (value,):
             if one is not False and one is not None:
-                yield str(name).rstrip("_").replace("_", "-"), None if one is True else str(one)
+                yield str(name).rstrip("_").replace("_", "-"), None if one is True else _text_of(one)
 
 
 def words_of(options: Mapping[str, Any]) -> list[str]:
@@ -73,17 +86,20 @@ def _read_progress(lines: Any, progress: Callable[[Progress], Any], plan: list[s
             return
 
 
-def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any]] = None,
-         program: Optional[str] = None, **options: Any) -> dict[str, Any]:
+def bake(scene: Path, output: Path, *, progress: Optional[Callable[[Progress], Any]] = None,
+         program: Optional[Path] = None, **options: Any) -> dict[str, Any]:
     """
     Bakes a scene file into an asset file, and returns umbrage-bake's report as a dict.
 
-    options   umbrage-bake's: bake("city.glb", "city.umb", sun=["135,45", "200,30"], resolution=16384, closed="off")
+    scene     glTF, GLB, OBJ, PLY or STL file
+    output    packed file to write (.umb)
+    options   umbrage-bake's: bake("city.glb", "city.umb", sun=[(135, 45), (200, 30)], resolution=16384, closed="off");
+              a list repeats an option, True is an option without a value, False and None leave it out
     progress  called with Progress on a thread of its own; an exception in it ends the bake
     program   path of umbrage-bake; None: the one that the wheel carries, else the first on PATH
 
-    The output appears whole or not at all. Ctrl-C ends the bake and leaves nothing. Raises SceneError, FileError, and
-    Error with the sentence of umbrage-bake.
+    The output appears whole or not at all. Ctrl-C ends the bake and leaves nothing. Raises TypeError or ValueError
+    that names the argument, SceneError, FileError, and Error with the sentence of umbrage-bake.
     """
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: must be callable, not {type(progress).__name__}")

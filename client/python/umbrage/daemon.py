@@ -14,7 +14,7 @@ from typing import Any, Callable, Iterator, Mapping, Optional, Union
 from . import _library as lib
 from ._arrays import DOUBLE, number, slice_of, triple
 from ._limits import Limits, calls, read_limits
-from ._library import Handle, check, core, ffi, rpc, text
+from ._library import Handle, Path, check, core, ffi, rpc, text
 from ._slices import aside
 from ._settings import Dial, Settings, c_dial, c_settings, count
 from .assets import NO_DIAL, Asset, Result, stats_of, stats_sum, whole_result
@@ -29,7 +29,15 @@ FETCH_MAX = 64 << 30  # bytes that a server may announce to `fetch`
 
 @dataclass(frozen=True)
 class Listed:
-    """An asset in a daemon's list."""
+    """
+    An asset in a daemon's list.
+
+    name          as `open` of a Daemon takes it
+    id            SHA-256 of the content, 64 hexadecimal digits
+    packed_bytes  length of its packed file
+    memory_bytes  bytes that its queries read
+    light_count   number of its lights
+    """
 
     name: str
     id: str
@@ -43,11 +51,14 @@ class JobStatus:
     """
     State and progress of a bake job.
 
+    job       number of the job, 32 hexadecimal digits
     state     "queued", "running", "done", "failed" or "poison" (its process died too often)
     cause     reason of the last failure
     asset     id of the asset when done, else ""
-    phase, done, total, unit, rate   progress of the phase; total 0: not known
+    phase, done, total, unit, rate   progress of the phase, and units a second; total 0: not known
     plan      lines of the bake's plan, once known
+    owner     name of the token that submitted it
+    priority  -10 to 10: order among the owner's jobs, higher ones first
     """
 
     job: str
@@ -184,12 +195,16 @@ class Daemon:
     """
     A daemon, or several with the same assets. `umbrage.connect` makes it; use it in a `with` statement.
 
+    Every call raises ValueError if the daemon is closed, TypeError or ValueError that names a wrong argument,
+    UnavailableError without a server, RightsError for a token that does not allow it, BusyError, DeadlineError, and
+    what its own text says. Ctrl-C ends every wait.
+
     Threads: any number at once. `close` cancels the calls of other threads.
     """
 
-    def __init__(self, address: str, *, token: Optional[str] = None, token_file: Any = None, ca_file: Any = None,
-                 certificate_file: Any = None, key_file: Any = None, server_name: Optional[str] = None,
-                 timeout: float = 60.0) -> None:
+    def __init__(self, address: str, *, token: Optional[str] = None, token_file: Optional[Path] = None,
+                 ca_file: Optional[Path] = None, certificate_file: Optional[Path] = None, key_file: Optional[Path] = None,
+                 server_name: Optional[str] = None, timeout: float = 60.0) -> None:
         self._client: Optional[_Client] = None
         self._limits: Optional[Limits] = None
         if not isinstance(address, str):
@@ -221,7 +236,7 @@ class Daemon:
         for call in list(client.calls) if client is not None else ():
             call.cancel(client)
 
-    def client(self) -> _Client:
+    def _open_client(self) -> _Client:
         """The client, which stays open as long as the handle is held. Raises ValueError if it is closed."""
         client = self._client
         if client is None:
@@ -232,19 +247,19 @@ class Daemon:
 
     def _ask(self, function: Any, *arguments: Any) -> None:
         """Makes a call and waits for its end."""
-        client = self.client()
+        client = self._open_client()
         _Call().start(client, function, *arguments).wait(client)
 
-    def limits(self) -> Limits:
+    def _call_limits(self) -> Limits:
         """What the daemon takes in one call; it is asked once."""
         if self._limits is None:
-            client = self.client()
+            client = self._open_client()
             self._limits = aside(lambda: read_limits(client))
         return self._limits
 
     def assets(self) -> list[Listed]:
         """The daemon's assets in the order of their names."""
-        client = self.client()
+        client = self._open_client()
 
         def ask() -> list[Listed]:
             out, total, error = ffi.new("struct umb_client_asset **"), ffi.new("size_t *"), lib.new_error()
@@ -259,20 +274,27 @@ class Daemon:
         return found
 
     def open(self, asset: str) -> "DaemonAsset":
-        """The asset of a name or id; the daemon answers its queries."""
+        """The asset of a name or id; the daemon answers its queries. Raises NotFoundError."""
         return DaemonAsset(self, asset)
 
-    def open_ranges(self, asset: str, **options: Any) -> RangeAsset:
-        """The asset of a name or id, of which the pages that views need are read from the daemon."""
-        source, error, client = ffi.new("struct umb_region_source *"), lib.new_error(), self.client()
+    def open_ranges(self, asset: str, *, asset_id: Optional[str] = None, memory: int = 0) -> RangeAsset:
+        """
+        The asset of a name or id, of which the pages that views need are read from the daemon.
+
+        asset_id  id that it must have; None: the server chooses the asset
+        memory    most bytes that it may take; 0: 1 GiB
+
+        Raises NotFoundError, FormatError, LimitError.
+        """
+        source, error, client = ffi.new("struct umb_region_source *"), lib.new_error(), self._open_client()
         check(rpc.umb_region_daemon_open(client.pointer, lib.path_bytes(asset, "asset"), source, error), error)
 
         def close(_kept: Any = client) -> None:  # the client stays open as long
             rpc.umb_region_daemon_close(source)
 
-        return RangeAsset(source, close, **options)
+        return RangeAsset(source, close, asset_id, memory)
 
-    def submit(self, scene: Any, settings: Optional[Mapping[str, Any]] = None, *, files: Any = None,
+    def submit(self, scene: Path, settings: Optional[Mapping[str, Any]] = None, *, files: Optional[Mapping[str, Path]] = None,
                priority: int = 0, progress: Optional[Callable[[int, int], Any]] = None) -> str:
         """
         Submits a scene file as a bake job and returns the job's number. The same submission gives the same job.
@@ -281,7 +303,11 @@ class Daemon:
         settings  options of umbrage-bake by their long names, as {"sun": "135,45", "resolution": 4096}; True for an
                   option without a value, a list repeats an option
         files     further files that the scene reads: {name in the scene: local path}
-        progress  called with bytes sent and bytes in all
+        priority  -10 to 10: order among the owner's jobs, higher ones first
+        progress  called with bytes sent and bytes in all; what it raises ends the call
+
+        Raises FileError for a file that cannot be read, ArgumentError for settings that the daemon does not take,
+        LimitError beyond the quota, UnsupportedError if the daemon takes no jobs.
         """
         keep: list[Any] = []
 
@@ -306,7 +332,7 @@ class Daemon:
         submission.scene, submission.files, submission.file_count = c_files[0].path, c_files, len(named)
         submission.settings, submission.setting_count = c_rows, len(rows)
         submission.priority = count(priority, "priority", 10, -10)
-        client, call = self.client(), _Call(keep, c_files, c_rows)
+        client, call = self._open_client(), _Call(keep, c_files, c_rows)
 
         def sent(_user: Any, done: int, total: int) -> None:
             try:
@@ -322,7 +348,10 @@ class Daemon:
         return text(submitted.job)
 
     def watch(self, job: str) -> Iterator[JobStatus]:
-        """Gives the status of a job at once and after each change, until it is over."""
+        """
+        Gives the status of a job at once and after each change, until it is over: `for status in daemon.watch(job)`.
+        Raises NotFoundError.
+        """
         told: "queue.SimpleQueue[Any]" = queue.SimpleQueue()
         going = [True]
 
@@ -330,7 +359,7 @@ class Daemon:
             told.put(job_status(status))
             return 1 if going[0] else 0
 
-        client, call, name = self.client(), _Call(), ffi.new("char[]", lib.path_bytes(job, "job"))
+        client, call, name = self._open_client(), _Call(), ffi.new("char[]", lib.path_bytes(job, "job"))
         call.then = lambda: told.put(None)
         call.start(client, rpc.umb_client_watch, name, call.callback("int(void *, const struct umb_job_status *)",
                                                                      on_status, 0), ffi.NULL)
@@ -343,7 +372,7 @@ class Daemon:
             call.cancel(client)
 
     def wait(self, job: str) -> JobStatus:
-        """Waits until a job is over and returns its last status."""
+        """Waits until a job is over and returns its last status. A failed job is no exception: see `state`."""
         last = None
         for last in self.watch(job):
             pass
@@ -351,7 +380,7 @@ class Daemon:
         return last
 
     def jobs(self, limit: int = 100) -> list[JobStatus]:
-        """The caller's jobs, newest first."""
+        """The caller's jobs, newest first; at most `limit`, up to 1000."""
         out, total = ffi.new("struct umb_job_status **"), ffi.new("size_t *")
         self._ask(rpc.umb_client_list_jobs, count(limit, "limit", 1000), out, total)
         try:
@@ -360,21 +389,23 @@ class Daemon:
             core.umb_free(out[0])
 
     def cancel(self, job: str) -> None:
-        """Cancels a job that is not over."""
+        """Cancels a job that is not over. Raises NotFoundError."""
         self._ask(rpc.umb_client_cancel_job, lib.path_bytes(job, "job"), ffi.NULL)
 
-    def fetch(self, asset_id: str, path: Any, progress: Optional[Callable[[int, int], Any]] = None,
+    def fetch(self, asset_id: str, path: Path, progress: Optional[Callable[[int, int], Any]] = None,
               max_bytes: int = FETCH_MAX) -> None:
         """
         Writes an asset's packed file to a path, whole or not at all.
 
+        asset_id   64 hexadecimal digits
+        progress   called with bytes received and bytes in all; what it raises ends the call
         max_bytes  length of the file at most
 
-        Raises FormatError if the bytes are not those of the id, and LimitError.
+        Raises NotFoundError, FormatError if the bytes are not those of the id, LimitError, OSError.
         """
         folder, name = os.path.split(os.path.abspath(lib.path_text(path)))
         part = os.path.join(folder, f".{name}.{os.getpid()}.{threading.get_ident()}.part")
-        wanted, client, call = lib.asset_id(asset_id, "asset_id"), self.client(), _Call()
+        wanted, client, call = lib.asset_id(asset_id, "asset_id"), self._open_client(), _Call()
         most = count(max_bytes, "max_bytes", 2**63 - 1)
         with open(part, "wb") as file:
             def got(_user: Any, offset: int, data: Any, number_: int, size: int) -> int:
@@ -399,18 +430,32 @@ class Daemon:
                 raise
 
     def delete(self, asset_id: str) -> None:
-        """Deletes the caller's share in an asset; with the last owner the daemon deletes the file."""
+        """
+        Deletes the caller's share in an asset; with the last owner the daemon deletes the file.
+
+        asset_id  64 hexadecimal digits
+
+        Raises NotFoundError.
+        """
         self._ask(rpc.umb_client_delete_asset, lib.asset_id(asset_id, "asset_id"))
 
 
-def connect(address: str, **options: Any) -> Daemon:
+def connect(address: str, *, token: Optional[str] = None, token_file: Optional[Path] = None,
+            ca_file: Optional[Path] = None, certificate_file: Optional[Path] = None, key_file: Optional[Path] = None,
+            server_name: Optional[str] = None, timeout: float = 60.0) -> Daemon:
     """
-    A daemon: "tcp:host:port", "tls:host:port" or "unix:path"; several with commas are replicas.
+    A daemon at an address: "tcp:host:port", "tls:host:port" or "unix:path"; several with commas are replicas.
 
-    options: token, token_file; ca_file, certificate_file, key_file, server_name (tls:); timeout in seconds.
-    Nothing is sent before the first call.
+    token, token_file           the token, or a file that holds only the token
+    ca_file                     tls: certificates that the server's must be signed by; None: the system's
+    certificate_file, key_file  tls: the caller's certificate, PEM
+    server_name                 tls: name in the server's certificate, if it is not the host
+    timeout                     seconds that a call may take, 0.001 to 4e6
+
+    Nothing is sent before the first call. Raises TypeError or ValueError that names the argument, FileError.
     """
-    return Daemon(address, **options)
+    return Daemon(address, token=token, token_file=token_file, ca_file=ca_file, certificate_file=certificate_file,
+                  key_file=key_file, server_name=server_name, timeout=timeout)
 
 
 class DaemonAsset(Asset):
@@ -426,13 +471,13 @@ class DaemonAsset(Asset):
         if self._owns:
             self._daemon.close()
 
-    def _client(self) -> _Client:
+    def _require_open(self) -> _Client:
         if self._closed:
             raise ValueError("the asset is closed")
-        return self._daemon.client()
+        return self._daemon._open_client()
 
     def _describe(self) -> AssetInfo:
-        out, client = ffi.new("struct umb_client_description **"), self._client()
+        out, client = ffi.new("struct umb_client_description **"), self._require_open()
         _Call().start(client, rpc.umb_client_describe, self._name, out).wait(client)
         told = out[0]
         try:
@@ -447,8 +492,8 @@ class DaemonAsset(Asset):
 
     def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
                 stats: bool, threads: int) -> Optional[Result]:
-        client, name, flat = self._client(), self._name, values.reshape(-1)
-        most, told = self._daemon.limits().points_a_call(batch), []
+        client, name, flat = self._require_open(), self._name, values.reshape(-1)
+        most, told = self._daemon._call_limits().points_a_call(batch), []
         per_byte = 8 if settings[5] == "bit" else 1
         if batch.count > most:
             _check_whole(core.umb_points_check, batch)
@@ -497,7 +542,7 @@ class DaemonAsset(Asset):
         Makes a volume query of `number_` records in calls of `most`: ask(call, client, wanted, first, records, reply)
         begins one. `keep` is the memory of records and answers.
         """
-        client, name = self._client(), self._name
+        client, name = self._require_open(), self._name
         for first, records in calls(number_, most):
             wanted, reply = ffi.new("struct umb_volume_query *"), ffi.new("struct umb_volume_query_reply *")
             wanted.asset, wanted.light = name, light
@@ -512,7 +557,7 @@ class DaemonAsset(Asset):
         whole.format = core.UMB_POINT_F64 if ends.dtype == DOUBLE else core.UMB_POINT_F32
         if origin is not None:
             whole.origin = triple(origin, "origin")
-        a_call = self._daemon.limits().segments_a_call(whole.format, most)
+        a_call = self._daemon._call_limits().segments_a_call(whole.format, most)
         if number > a_call:
             _check_whole(core.umb_segments_check, whole)
 
@@ -533,7 +578,7 @@ class DaemonAsset(Asset):
             answers.columns = found + first
             call.start(client, rpc.umb_client_columns, wanted, slice_of(batch, first, records), answers, reply)
 
-        a_call = self._daemon.limits().columns_a_call(batch)
+        a_call = self._daemon._call_limits().columns_a_call(batch)
         if number > a_call:
             _check_whole(core.umb_points_check, batch)
         self._volume_calls(light, number, a_call, ask, batch, found)
@@ -546,7 +591,7 @@ class DaemonAsset(Asset):
             answers.boxes = found + first
             call.start(client, rpc.umb_client_boxes, wanted, data + first, records, answers, reply)
 
-        a_call = self._daemon.limits().boxes_a_call()
+        a_call = self._daemon._call_limits().boxes_a_call()
         if len(boxes) > a_call:
             _check_whole(core.umb_boxes_check, data, len(boxes))
         self._volume_calls(light, len(boxes), a_call, ask, data, found)

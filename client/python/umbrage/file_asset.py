@@ -26,12 +26,6 @@ SAMPLE = 200_000      # points of a batch on which a budget is measured, at most
 SLICED = 4096         # items of a volume query between two looks at Ctrl-C
 
 
-@ffi.callback("double(void)")  # type: ignore[misc]
-def _cpu_s() -> float:
-    """CPU time of the calling thread: other programs do not lengthen it."""
-    return time.thread_time()
-
-
 def plain(value: Any) -> Any:
     """A C struct, array or number as dict, list or number."""
     if not isinstance(value, ffi.CData):
@@ -56,7 +50,7 @@ class FileAsset(Asset):
     def close(self) -> None:
         self._handle, self._prepared = None, {}
 
-    def _open(self) -> Handle:
+    def _require_open(self) -> Handle:
         """The asset, which stays open as long as the handle is held. Raises ValueError if it is closed."""
         handle = self._handle
         if handle is None:
@@ -90,13 +84,13 @@ class FileAsset(Asset):
         if dial.budget_ns:
             calibration, sample = ffi.new("struct umb_calibration *"), slice_of(batch, 0, min(batch.count, SAMPLE))
             _check_points(sample)
-            check(core.umb_calibrate_points(held.pointer, wanted.light, sample, _cpu_s, calibration, error), error)
+            _calibrate(held, wanted.light, sample, calibration, error)
         check(core.umb_dial_choose(held.pointer, wanted_dial, calibration, wanted, ffi.NULL, error), error)
         return Settings(*settings)._replace(taps=wanted.taps, level=wanted.level)
 
     def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
                 stats: bool, threads: int) -> Optional[Result]:
-        held = self._handle or self._open()
+        held = self._handle or self._require_open()
         if dial is not NO_DIAL:
             settings = self._choose(held, settings, dial, batch)
         try:
@@ -114,9 +108,15 @@ class FileAsset(Asset):
         place = np.array(triple(point, "point"), DOUBLE)
         direction = None if normal is None else np.array(triple(normal, "normal"), FLOAT)
         told = ffi.new("struct umb_explanation *")
-        held = self._open()
+        held = self._require_open()
         batch, _keep = c_points(place, None, direction, None)
-        settings["light"] = self._light_numbers(settings.get("light", 0))[0][0]
+        unknown = next((name for name in settings if name not in Settings._fields), None)
+        if unknown is not None:
+            raise TypeError(f"{unknown}: explain takes {', '.join(Settings._fields)}")
+        numbers, is_one = self._light_numbers(settings.get("light", 0))
+        if not is_one:
+            raise ValueError("light: explain takes one light")
+        settings["light"] = numbers[0]
         core.umb_query_explain(self._query_of(held, tuple(Settings(**settings))), batch, 0, told)
         words: dict[str, Any] = plain(told[0])
         words["steps"] = words["steps"][:words.pop("step_count")]
@@ -125,7 +125,7 @@ class FileAsset(Asset):
     def derive(self, width: int, height: int, *, technique: str = "pcf", format: str = "f32", light: int = 0,
                rect: Optional[Sequence[float]] = None, mips: bool = False, camera: Optional[Camera] = None,
                cascades: int = 0, weight: float = 0.5) -> Derived:
-        held = self._open()
+        held = self._require_open()
         return derive(held.pointer, width, height, technique, format, light, rect, mips, camera, cascades, weight)
 
     @staticmethod
@@ -135,7 +135,7 @@ class FileAsset(Asset):
         return volume
 
     def _segments(self, light: int, ends: Any, number: int, origin: Any, lit: Any, most: int, parts: Any) -> None:
-        held = self._open()
+        held = self._require_open()
         volume, error = self._volume(held, light), lib.new_error()
         batch, answers = ffi.new("struct umb_segments *"), ffi.new("struct umb_segment_answers *")
         data, intervals = ffi.from_buffer(ends), ffi.from_buffer(parts)
@@ -150,7 +150,7 @@ class FileAsset(Asset):
         run_slices(lambda first, n: core.umb_volume_segments(volume, batch, first, n, answers), number, size=SLICED)
 
     def _columns(self, light: int, batch: Any, number: int, found: Any) -> None:
-        held = self._open()
+        held = self._require_open()
         volume, error = self._volume(held, light), lib.new_error()
         check(core.umb_volume_check_columns(volume, error), error)
         check(core.umb_points_check(batch, error), error)
@@ -159,7 +159,7 @@ class FileAsset(Asset):
         run_slices(lambda first, n: core.umb_volume_columns(volume, batch, first, n, answers), number, size=SLICED)
 
     def _boxes(self, light: int, boxes: Any, found: Any) -> None:
-        held = self._open()
+        held = self._require_open()
         volume, error = self._volume(held, light), lib.new_error()
         data = ffi.from_buffer("struct umb_box[]", boxes) if len(boxes) else ffi.new("struct umb_box[]", 1)
         check(core.umb_volume_check_parallel(volume, error), error)
@@ -171,6 +171,22 @@ class FileAsset(Asset):
             check(core.umb_volume_boxes(volume, data, first, n, ffi.NULL, answers, error), error)
 
         run_slices(one, len(boxes), size=1)
+
+
+def _calibrate(held: Handle, light: int, sample: Any, calibration: Any, error: Any) -> None:
+    """Measures settings on a sample. Raises what its clock meets, as Ctrl-C, when the measurement has ended."""
+    problems: list[Any] = []
+
+    def went_wrong(_kind: Any, problem: Any, _trace: Any) -> float:
+        problems.append(problem)
+        return time.thread_time()
+
+    # CPU time of the calling thread: other programs do not lengthen it.
+    clock = ffi.callback("double(void)", time.thread_time, onerror=went_wrong)
+    status = core.umb_calibrate_points(held.pointer, light, sample, clock, calibration, error)
+    if problems:
+        raise problems[0]
+    check(status, error)
 
 
 def _check_points(batch: Any) -> None:

@@ -16,7 +16,14 @@ KINDS = {core.UMB_LIGHT_DIRECTIONAL: "directional", core.UMB_LIGHT_SPOT: "spot",
 
 @dataclass(frozen=True)
 class CurveRow:
-    """One setting of a light's accuracy curve (umbrage/curve.h)."""
+    """
+    One setting of a light's accuracy curve (umbrage/curve.h).
+
+    level, taps       as `query` takes them
+    bound_m           an answer is true, or a true shadow edge is within this many metres
+    visibility_error  root mean square difference of the answer, 0 to 1, when a point moves by up to half a voxel
+    nodes, lines      DAG nodes and cache lines that a point reads, on average
+    """
 
     level: int
     taps: int
@@ -31,6 +38,7 @@ class Light:
     """
     One light. World space, metres, radians.
 
+    name        as `light=` takes it; "" without a name
     kind        "directional", "spot", "point", "rectangle", "disc"
     direction   unit vector in which the light travels (point light: zeros)
     position    (not directional; of area lights the middle)
@@ -60,7 +68,8 @@ class AssetInfo:
     """
     An asset's description.
 
-    id, scene_hash  SHA-256, 64 hexadecimal digits
+    id, scene_hash  SHA-256 of content and scene, 64 hexadecimal digits
+    lights          the lights, in the order of their numbers
     origin          scene origin, metres, world space
     bounds          ((x, y, z), (x, y, z)): box around the casters, metres, world space
     plan, settings  texts of the bake: one line an effect; key=value lines

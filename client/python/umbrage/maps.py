@@ -75,7 +75,7 @@ def derive(asset: Any, width: int, height: int, technique: str, format: str, lig
     if cascades:
         if camera is None:
             raise ValueError("camera: cascades need one")
-        keep.append(ffi.new("struct umb_camera *", camera.as_c()))
+        keep.append(ffi.new("struct umb_camera *", camera._as_c()))
         settings.camera = keep[0]
         settings.cascades.count, settings.cascades.weight = count(cascades, "cascades"), number(weight, "weight")
     out, error, problems = ffi.new("struct umb_derived **"), lib.new_error(), []
@@ -100,7 +100,15 @@ def derive(asset: Any, width: int, height: int, technique: str, format: str, lig
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera (struct umb_camera). World space, metres, radians."""
+    """
+    A camera (struct umb_camera).
+
+    eye          its place, metres, world space
+    forward, up  directions, world space, any length
+    fov_y        vertical field of view, radians
+    aspect       width over height
+    near_m, far_m   distances of the planes, metres
+    """
 
     eye: Triple
     forward: Triple
@@ -110,7 +118,7 @@ class Camera:
     near_m: float = 0.1
     far_m: float = 1000.0
 
-    def as_c(self) -> dict[str, Any]:
+    def _as_c(self) -> dict[str, Any]:
         """The fields as cffi takes them."""
         return {"eye": triple(self.eye, "eye"), "forward": triple(self.forward, "forward"),
                 "up": triple(self.up, "up"), "fov_y": number(self.fov_y, "fov_y"),

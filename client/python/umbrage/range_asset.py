@@ -24,7 +24,7 @@ from ._slices import run_slices
 from .assets import NO_DIAL, Asset, Result, stats_of
 from .errors import ArgumentError, Error, NotFoundError, RightsError, UnavailableError, UnsupportedError
 from .info import read_info
-from .views import Held, View
+from .views import Held, View, check_fetch
 
 TIMEOUT_S = 30.0
 BYTES_A_S = 16384  # a server that sends less is given up
@@ -217,10 +217,17 @@ class RangeAsset(Asset):
 
     @classmethod
     def of_reader(cls, read: Callable[[list[tuple[int, int]]], Iterable[bytes]], close: Callable[[], None],
-                  **options: Any) -> "RangeAsset":
+                  asset_id: Optional[str] = None, memory: int = 0) -> "RangeAsset":
         """
-        An asset behind read([(offset, length), ...]), which gives the bytes of each range in their order and may raise
-        any exception. `close` is called once.
+        An asset behind a reader of your own.
+
+        read      read([(offset, length), ...]) gives the bytes of each range in their order; fewer only at the end of
+                  the file. What it raises reaches the caller
+        close     called once
+        asset_id  id that the asset must have; None: the reader chooses it
+        memory    most bytes that it may take; 0: 1 GiB
+
+        Raises TypeError or ValueError that names the argument, FormatError, LimitError.
         """
         problems: list[Any] = []
 
@@ -243,7 +250,7 @@ class RangeAsset(Asset):
             "enum umb_status(void *, const struct umb_range *, size_t, umb_range_fn, void *, struct umb_error *)",
             ranges, error=core.UMB_E_IO, onerror=lambda kind, problem, trace: problems.append(problem))
         source.read = made._callback
-        made.__init__(source, close, **options)  # type: ignore[misc]
+        made.__init__(source, close, asset_id, memory)  # type: ignore[misc]
         return made
 
     _problems: list[Any] = []
@@ -261,7 +268,7 @@ class RangeAsset(Asset):
                 raise RuntimeError("close: a callback of fetch must not close its asset")
             self._region = None
 
-    def _open_region(self) -> Handle:
+    def _require_open(self) -> Handle:
         """The region, which stays open as long as the handle is held. Raises ValueError if it is closed."""
         if self._region is None:
             raise ValueError("the asset is closed")
@@ -275,15 +282,15 @@ class RangeAsset(Asset):
 
         max_bytes  bytes to read before it stops; 0: no limit
         progress   called with what is held after each round; a true result stops
+
+        Ctrl-C ends it between two reads. Raises TypeError or ValueError that names the argument, FormatError for bytes
+        that are not the asset's, LimitError for more memory than `open` allows, FileError, UnavailableError.
         """
-        if progress is not None and not callable(progress):
-            raise TypeError(f"progress: must be callable, not {type(progress).__name__}")
+        check_fetch(views, progress)
         request, error, problems = ffi.new("struct umb_region_request *"), lib.new_error(), []
         c_views = ffi.new("struct umb_partial_view[]", max(len(views), 1))
         for view, out in zip(views, c_views):
-            if not isinstance(view, View):
-                raise TypeError(f"views: must be View, not {type(view).__name__}")
-            view.fill(out)
+            view._fill(out)
         request.views, request.view_count = c_views, len(views)
         request.max_bytes = count(max_bytes, "max_bytes", 2**64 - 1)
 
@@ -296,7 +303,7 @@ class RangeAsset(Asset):
         with self._lock:
             if self._busy:
                 raise RuntimeError("fetch: must not be called from a callback of fetch")
-            region, self._busy = self._open_region(), True
+            region, self._busy = self._require_open(), True
             try:
                 status = rpc.umb_region_update(region.pointer, request, error)
             finally:
@@ -311,7 +318,7 @@ class RangeAsset(Asset):
         """What is held now."""
         stats = ffi.new("struct umb_region_stats *")
         with self._lock:
-            region = self._open_region()
+            region = self._require_open()
             rpc.umb_region_get_stats(region.pointer, stats)
         part = stats.partial
         return Held(part.page_count, part.pages_held, part.asset_bytes, part.held_bytes, part.memory_bytes,
@@ -340,7 +347,7 @@ class RangeAsset(Asset):
             check(rpc.umb_region_query(region.pointer, wanted, part, 0 if self._busy else 1, answers, error), error)
 
         with self._lock:
-            region = self._open_region()
+            region = self._require_open()
             if batch.count:
                 run_slices(one, batch.count)
             else:

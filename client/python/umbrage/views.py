@@ -37,7 +37,7 @@ class View:
     max_error_rad: float = 0.0
     taps: int = 17
 
-    def fill(self, out: Any) -> None:
+    def _fill(self, out: Any) -> None:
         """Fills in a struct umb_partial_view."""
         out.light = 0xFFFFFFFF if self.light is None else count(self.light, "light")
         out.taps = count(self.taps, "taps")
@@ -54,9 +54,25 @@ class View:
             camera.fov_y, camera.aspect = number(self.fov_y, "fov_y"), number(self.aspect, "aspect")
 
 
+def check_fetch(views: Sequence[Any], progress: Any) -> None:
+    """Checks the arguments of Asset.fetch. Raises TypeError."""
+    for view in views:
+        if not isinstance(view, View):
+            raise TypeError(f"views: must be View, not {type(view).__name__}")
+    if progress is not None and not callable(progress):
+        raise TypeError(f"progress: must be callable, not {type(progress).__name__}")
+
+
 @dataclass(frozen=True)
 class Held:
-    """What of an asset is here: pages and bytes, and what they cost to read."""
+    """
+    What of an asset is here, and what it cost to read.
+
+    pages, pages_held        pages of the asset, and those that are here
+    asset_bytes, held_bytes  bytes of the packed file, and of the pages that are here
+    memory_bytes             memory that they take
+    received_bytes, requests, rounds   bytes read, ranges asked for, and times that `fetch` waited for them
+    """
 
     pages: int
     pages_held: int

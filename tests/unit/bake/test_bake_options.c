@@ -187,6 +187,8 @@ static void help_version_and_plan_need_no_output(void **state)
     assert_true(o.version);
     assert_int_equal(parse("s.obj --plan", &o, &e), UMB_OK);
     assert_true(o.plan);
+    assert_int_equal(parse("import s.obj --plan", &o, &e), UMB_OK);
+    assert_true(o.plan && o.task == UMBB_TASK_IMPORT);
 }
 
 /* A line is refused with a message that names both. */
@@ -220,7 +222,6 @@ static void options_of_tiles_are_refused_where_they_mean_nothing(void **state)
         {"tile s -o d --depth embree", "--depth", "embree"},
         {"tile s", "-o", "no output"},
         {"import s", "-o", "no output"},
-        {"import s --plan", "--plan", "import"},
         {"merge s -o o", "--from", "is needed"},
         {"s --scene-buffer b -o o", "SCENE", "'b'"},
         {"--scene-buffer b s -o o", "SCENE", "'s'"},
