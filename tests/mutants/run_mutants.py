@@ -113,6 +113,8 @@ def targets_of(tests):
         targets.append("fault-needs")
     if "tests/system/test_job_sandbox.py" in tests:
         targets.append(f"{BUILD}/intruder.so")
+    if "tests/system/test_gpu_shaders.py" in tests:
+        targets += ["gpu"] + [f"{BUILD}/{program}" for program in ("scenegen", "gpu_voxels", "gpu_answers")]
     return sorted(set(targets))
 
 

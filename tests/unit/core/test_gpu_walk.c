@@ -22,7 +22,9 @@ static const int filters[] = {1, 3, 9, 17, TENT + 1, TENT + 3, TENT + 5, TENT + 
 struct array {
     struct umb_gpu_layout layout;
     uint4 *entries;
+    uint32_t spare;  /* Entries of room for pages to come */
     uint64_t copied; /* Entries that were copied */
+    uint32_t made;   /* Number of layouts */
 };
 
 static void array_make(struct array *array, const struct umb_asset *asset, uint32_t spare)
@@ -41,7 +43,8 @@ static void array_update(struct array *array, struct umb_partial *p)
     const struct umb_asset *asset = umb_partial_lower(p);
     struct umb_gpu_range ranges[3];
     if (array->entries == NULL || !umb_gpu_layout_fits(asset, &array->layout)) {
-        array_make(array, asset, 400);
+        array_make(array, asset, array->spare);
+        array->made++;
         umb_gpu_forget_changes(p);
         umb_gpu_write(asset, p, &array->layout, 0, array->layout.entries, &array->entries[0].x);
         array->copied += array->layout.entries;
@@ -139,13 +142,12 @@ static size_t compare_counts(struct partial_fixture *f, const struct array *arra
     return exact;
 }
 
-static void test_pages_come_and_go(void **state)
+/* Pages come and go in eight rounds; counts are those of the core after each. */
+static void check_rounds(struct array *array, uint64_t seed)
 {
     struct partial_fixture f;
-    struct array array = {0};
     const size_t points = (size_t)case_count(POINTS);
-    uint64_t seed = round_seed(23), exact = 0;
-    (void)state;
+    uint64_t exact = 0;
     partial_fixture_open(&f, 0);
     for (uint32_t round = 0; round < 8; round++) {
         for (uint32_t page = 0; page < f.page_count; page++) {
@@ -158,19 +160,29 @@ static void test_pages_come_and_go(void **state)
             }
         }
         partial_build(&f);
-        array_update(&array, f.partial);
-        exact = compare_counts(&f, &array, points / 8 + 1, seed + round);
+        array_update(array, f.partial);
+        exact = compare_counts(&f, array, points / 8 + 1, seed + round);
     }
     assert_int_equal(exact, (points / 8 + 1) * sizeof filters / sizeof filters[0]);
-    free(array.entries);
+    free(array->entries);
     partial_fixture_close(&f);
+}
+
+static void test_pages_come_and_go(void **state)
+{
+    struct array array = {.spare = 400}, roomy = {.spare = 1U << 20};
+    (void)state;
+    check_rounds(&array, round_seed(23));
+    check_rounds(&roomy, round_seed(24));
+    assert_true(array.made > 1); /* It outgrew its room */
+    assert_int_equal(roomy.made, 1);
 }
 
 /* A page costs its own bytes, and those of the nodes that refer to it. */
 static void test_page_costs_its_bytes(void **state)
 {
     struct partial_fixture f;
-    struct array array = {0};
+    struct array array = {.spare = 400};
     (void)state;
     partial_fixture_open(&f, 0);
     for (uint32_t page = 0; page < f.page_count; page++) {
