@@ -20,6 +20,9 @@ SCALARS = {"uint": ("uint32_t", "u32"), "int": ("int32_t", "i32"), "float": ("fl
 TYPE = r"(uint|int|float|bool|uvec2|uvec4|ivec3|ivec4|vec2|vec3|vec4|Umbrage\w+)"
 FUNCTION = re.compile(rf"^{TYPE} (umbrage_\w+)\((.*)\)$", re.MULTILINE)
 
+PUBLIC = ["UmbragePlacement"] + ["umbrage_" + name for name in (
+    "box tent coarse lamp_box footprint penumbra place place_steps place_lamp count_box count_tent count_cell".split())]
+
 # Reading an entry, and counting bits, in each language.
 GLSL_ES = """#ifndef UMBRAGE_ES_GLSL
 #define UMBRAGE_ES_GLSL
@@ -160,7 +163,7 @@ def to_c(source):
     source = FUNCTION.sub(r"UMBRAGE_FUNCTION \1 \2(\3)", source)
     source = re.sub(r"\bUmbragePlacement (\w+\[6\])", r"const UmbragePlacement \1", source)
     source = re.sub(rf"^(UMBRAGE_FUNCTION \w+ (?:{reading})\()", r"\1const uint4 *data, ", source, flags=re.MULTILINE)
-    source = re.sub(rf"(?<!\w )\b({reading})\((?!const uint4)", r"\1(data, ", source)
+    source = re.sub(rf"\b({reading})\((?!const uint4)", r"\1(data, ", source)
     source = re.sub(r"\b(uint|int|float)\(", lambda found: f"({SCALARS[found.group(1)][0]})(", source)
     source = re.sub(r"\b(u?i?vec[234])\(", lambda found: f"make_{VECTORS[found.group(1)][0]}(", source)
     source = re.sub(r"^struct (Umbrage\w+) \{(.*?)^\};", r"typedef struct {\2} \1;", source, flags=re.MULTILINE | re.DOTALL)
@@ -184,11 +187,17 @@ def to_wgsl(source):
     return "\n".join(line if line.lstrip().startswith("//") else words(line, names) for line in source.split("\n"))
 
 
-def shorten(text):
+def short_names(source):
+    """Short names for the functions and types that guide and tests do not name."""
+    names = [found.group(2) for found in FUNCTION.finditer(source)] + re.findall(r"^struct (\w+)", source, re.MULTILINE)
+    return {name: f"{name[0]}mb{number}" for number, name in enumerate(names) if name not in PUBLIC}
+
+
+def shorten(text, names):
     """A text as it goes over the web: without comments, indents, and blanks and ends of lines that mean nothing."""
     text = re.sub(r"\n\s+", "\n", re.sub(r"\s*//.*", "", text)).strip()
-    text = re.sub(r" ?(==|\+=|[=,*+;]) ?", r"\1", text.replace("\n{", "{"))
-    return re.sub(r"([{};,])\n(?!#)", r"\1", text)
+    text = re.sub(r" ?(==|[|&]{2}|[-+|&]=|>>|<<|(?<!-)>|[=,*+/;&|<]) ?", r"\1", text.replace("\n{", "{"))
+    return words(re.sub(r"([{};,])\n(?!#)", r"\1", text), names)
 
 
 def make(source):
@@ -197,10 +206,11 @@ def make(source):
     texts = {"umbrage.wgsl": NOTE + WGSL + to_wgsl(source), "umbrage_es.glsl": NOTE + GLSL_ES + source + end,
              "umbrage.glsl": NOTE + GLSL + source + end, "umbrage.hlsl": NOTE + HLSL + to_hlsl(source) + end,
              "umbrage.cuh": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
+    names = short_names(source)
     # The package has the walk once: its wgsl.js does what to_wgsl does.
-    texts["shaders.js"] = (NOTE + 'import { toWgsl } from "./wgsl.js";\n\n' + f"const walk = `{shorten(source)}`;\n" +
-                           f"export const glsl = `{shorten(GLSL_ES)}\n${{walk}}\n#endif\n`;\n" +
-                           f"export const wgsl = `{shorten(WGSL)}` + toWgsl(walk);\n")
+    texts["shaders.js"] = (NOTE + 'import { toWgsl } from "./wgsl.js";\n\n' + f"const walk = `{shorten(source, names)}`;\n" +
+                           f"export const glsl = `{shorten(GLSL_ES, names)}\n${{walk}}\n#endif\n`;\n" +
+                           f"export const wgsl = `{shorten(WGSL, names)}` + toWgsl(walk);\n")
     return texts
 
 

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import threading
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Callable, Iterator, Mapping, Optional
 
 from ._library import OWN, Path, path_text
@@ -43,12 +44,24 @@ class Progress:
     unit: str = ""
 
 
+def _is_numbers(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) > 1 and all(
+        isinstance(one, Real) and not isinstance(one, bool) for one in value)
+
+
+def _text_of(value: Any) -> str:
+    return ",".join(map(str, value)) if _is_numbers(value) else str(value)
+
+
 def pairs_of(options: Mapping[str, Any]) -> Iterator[tuple[str, Optional[str]]]:
-    """Names and values of options: True is an option without a value, False and None are left out, a list repeats."""
+    """
+    Names and values of options: True is an option without a value, False and None are left out. Several numbers are one
+    value, as sun=(135, 40); any other list repeats the option.
+    """
     for name, value in options.items():
-        for one in value if isinstance(value, (list, tuple)) else (value,):
+        for one in value if isinstance(value, (list, tuple)) and not _is_numbers(value) else (value,):
             if one is not False and one is not None:
-                yield str(name).rstrip("_").replace("_", "-"), None if one is True else str(one)
+                yield str(name).rstrip("_").replace("_", "-"), None if one is True else _text_of(one)
 
 
 def words_of(options: Mapping[str, Any]) -> list[str]:
@@ -80,8 +93,9 @@ def bake(scene: Path, output: Path, *, progress: Optional[Callable[[Progress], A
 
     scene     glTF, GLB, OBJ, PLY or STL file
     output    packed file to write (.umb)
-    options   umbrage-bake's: bake("city.glb", "city.umb", sun=["135,45", "200,30"], resolution=16384, closed="off");
-              a list repeats an option, True is an option without a value, False and None leave it out
+    options   umbrage-bake's: bake("city.glb", "city.umb", sun=(135, 45), resolution=16384, closed="off"); a list gives
+              an option several times: sun=[(135, 45), (200, 30)]; True is an option without a value, False and None
+              leave it out
     progress  called with Progress on a thread of its own; an exception in it ends the bake
     program   path of umbrage-bake; None: the one that the wheel carries, else the first on PATH
 
