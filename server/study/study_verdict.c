@@ -241,6 +241,7 @@ struct choice {
 /* Writes the settings for a share of wrong answers, unless they are those of the line before. */
 static void say_error(FILE *to, const struct umbt_study *study, double wrong, struct choice *last)
 {
+    const struct umbt_study_result *last_soft = last->soft;
     const struct choice choice = {fastest(study, wrong, 1), fastest(study, wrong, 9)};
     if (choice.any == NULL || (choice.any == last->any && choice.soft == last->soft)) {
         return;
@@ -248,7 +249,9 @@ static void say_error(FILE *to, const struct umbt_study *study, double wrong, st
     *last = choice;
     fprintf(to, "At most %.2g %% wrong: ", 100.0 * wrong);
     say_setting(to, study, choice.any);
-    if (choice.soft != NULL && choice.soft != choice.any) {
+    if (choice.soft != NULL && choice.soft == last_soft) {
+        fprintf(to, "; with wide filters as in the line above");
+    } else if (choice.soft != NULL && choice.soft != choice.any) {
         fprintf(to, "; with wide filters ");
         say_setting(to, study, choice.soft);
     }
@@ -281,8 +284,8 @@ static void say_errors(FILE *to, const struct umbt_study *study,
     say_setting(to, study, best);
     fprintf(to, "; wrong are ");
     say_share(to, best->wrong_view);
-    fprintf(to, " of what the cameras see; all samples are off by %.2g m in the mean.\n",
-            best->off_mean_m);
+    fprintf(to, " of what the cameras see; all samples are off by %.2g mm in the mean.\n",
+            1e3 * best->off_mean_m);
 }
 
 /* ---- beside others ---- */
@@ -436,9 +439,9 @@ static void say_caveats(FILE *to, const struct umbt_study *study)
     }
     if (unsteady > 0 || unsteady_all > 0) {
         fprintf(to,
-                "Unsteady: the least runs of %u of %u settings on one thread and of %u on all "
-                "threads differ by more than %.0f %%; their times are marked.\n",
-                unsteady, study->result_count, unsteady_all, 100.0 * UMBT_SPREAD_MAX);
+                "Unsteady times: of %u settings, %u on one thread and %u on all threads have least "
+                "runs that differ by more than %.0f %%; the page marks them.\n",
+                study->result_count, unsteady, unsteady_all, 100.0 * UMBT_SPREAD_MAX);
     }
     for (uint32_t i = 0; i < study->bake_count; i++) {
         if (study->bakes[i].reason[0] != '\0') {

@@ -17,7 +17,7 @@
 enum {
     BLOCK = 256,
     PLACES_FIRST = 48,     /* random places to try before the voxels' centres */
-    PLACES_LAST = 2048,    /* random places to try after the voxels' centres */
+    PLACES_LAST = 1 << 17, /* random places to try after the voxels' centres: pockets are narrow */
     CENTRES_MAX = 1 << 18, /* most voxel centres of a coarse cell to try */
 };
 

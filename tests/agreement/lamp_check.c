@@ -12,9 +12,9 @@
  * and around the lamp, and queried with one tap and no bias. The truth comes from testing the
  * segment to the lamp against every triangle, by determinants. Parts of triangles that are nearer
  * to the lamp than 2^-27 of its reach cast nothing. A disagreement is in the band if the truth
- * differs at a voxel's centre or on a grid of quarter voxels within one voxel. A point outside all
- * frusta has no band: it must be lit. Points in closed solids, and outside of a spot's cone, are
- * left out.
+ * differs at a voxel's centre or on a grid of quarter voxels within one voxel; a centre behind the
+ * lamp is lit. A point outside all frusta has no band: it must be lit. Points in closed solids, and
+ * outside of a spot's cone, are left out.
  *
  * Prints one JSON object. Exit 0: no wrong answer; 1: wrong answers; 65: a file cannot be used.
  */
@@ -227,7 +227,8 @@ static int in_band(const struct check *check, const struct frustum *f, const rea
     for (int k = 0; k < 3; k++) {
         middle[k] = floorl(fminl(voxel[k], f->size - 1)) + 0.5L;
     }
-    if (place(f, middle, centre) && is_lit(check, centre) != truth) {
+    /* A centre that lies behind the lamp lies before all occluders. */
+    if ((!place(f, middle, centre) || is_lit(check, centre)) != truth) {
         return 1;
     }
     for (int i = 0; i < STEPS * STEPS * STEPS; i++) {

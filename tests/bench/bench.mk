@@ -99,6 +99,25 @@ failure-pictures: $(BUILD)/failure_pictures ## how shadow maps fail and what hel
 bench-bake: $(BUILD)/bench_bake ## sizes, depth, voxels against their yardsticks (SIZE=quick|full)
 	@$(BUILD)/bench_bake --size $(SIZE)
 
+# Footprints of a lamp over a city, and of suns behind translucent casters; bench_query has those of
+# opaque suns.
+$(BUILD)/bench_footprints: $(BUILD)/tests/bench/bench_footprints.o $(patsubst %,$(BUILD)/tests/bench/%.o,bench_report bench_machine) $(CORE_LIB)
+	$(call say,LD,$@)
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+FOOTPRINT_NEEDS := $(BUILD)/bench_footprints $(BUILD)/umbrage-bake $(BUILD)/umbrage-study $(BUILD)/scenegen
+FOOTPRINT_POINTS := --kind gbuffer --normals --size 640x360 --quiet
+bench-footprints: $(FOOTPRINT_NEEDS) ## footprints against windows of 9 taps, for lamps and translucent casters: a minute
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && cd "$$folder" && \
+	bin="$(abspath $(BUILD))" && bake="$$bin/umbrage-bake" && \
+	"$$bin/scenegen" city --size 20 --format ply -o city.ply && \
+	/usr/bin/python3 "$(CURDIR)/tests/harness/translucent_scenes.py" glass glass.obj && \
+	"$$bake" city.ply -o lamp.umb --up z --closed off --point 0,0,120 --resolution 16384 --verify 0 --quiet && \
+	"$$bake" glass.obj -o glass.umb --up z --sun 150,40 --resolution 4096 --verify 0 --quiet && \
+	"$$bin/umbrage-study" points city.ply --up z -o city.points $(FOOTPRINT_POINTS) --camera eye=200,-200,90,target=0,0,0,fov=50 && \
+	"$$bin/umbrage-study" points glass.obj --up z -o glass.points $(FOOTPRINT_POINTS) && \
+	"$$bin/bench_footprints" city-16k-lamp lamp.umb city.points 24 glass-4k glass.umb glass.points 8
+.PHONY: bench-footprints
+
 bench-query: $(BUILD)/bench_query ## queries against shadow maps and rays
 	@$(BUILD)/bench_query --size $(SIZE)
 

@@ -86,6 +86,10 @@ with test.check("the diagonal of a floor that runs through texel centres is as d
         one = lamps.make_case(1, 233, [512])
         given(one["triangles"], [v + 0.01 * i * (k == 2) for k, v in enumerate(one["light"])], 512, {"right"})
 
+with test.check("a voxel whose centre lies behind the lamp is lit"):
+    one = lamps.make_case(21, 160, [512])  # 0.5 micrometres from a ceiling, voxels 3 micrometres deep
+    assert lamps.run_case(one, points=2048)[0] == "right", lamps.describe(one)
+
 with test.check(f"{RANDOM} random lamps near surfaces, each bake against brute force"):
     sums = lamps.run_cases([lamps.make_case("short", i, [512, 512, 1024]) for i in range(RANDOM)], points=1000)
     print(sums)

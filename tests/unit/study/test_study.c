@@ -121,6 +121,8 @@ static void summary_names_the_fastest_setting_below_each_error(void **state)
     umbt_study_summary(&study, text, sizeof text);
     expect(text, "At most 10 % wrong: 512 voxels a side, 1 x 1 taps: 20 ns a point, 1 MB on disk; "
                  "with wide filters 2048 voxels a side, 9 x 9 taps: 90 ns");
+    expect(text, "At most 5 % wrong: 2048 voxels a side, 1 x 1 taps: 25 ns a point, 2 MB on disk; "
+                 "with wide filters as in the line above.");
     expect(text, "At most 2 % wrong: 2048 voxels a side, 1 x 1 taps: 25 ns");
     expect(text, "At most 1 % wrong: 8192 voxels a side, 1 x 1 taps: 30 ns");
     assert_null(strstr(text, "At most 0.2 % wrong")); /* no setting has it */
@@ -139,7 +141,7 @@ static void summary_repeats_nothing_and_owns_up_to_noise(void **state)
     fill_results();
     study.results[0].view.spread = 0.4;
     umbt_study_summary(&study, text, sizeof text);
-    expect(text, "the least runs of 1 of 6 settings on one thread and of 0 on all threads");
+    expect(text, "of 6 settings, 1 on one thread and 0 on all threads have least runs");
     expect(text, "20 ns a point");                       /* the unsteady one's, all the same */
     assert_null(strstr(text, "At most 5 % wrong: 512")); /* the same as for 10 % */
 }
