@@ -106,7 +106,6 @@ static void put_asset(struct umbu_json *json, const struct umbb_report *r)
     umbu_json_integer(json, "bytes", r->publish->bytes);
     umbu_json_rounded(json, "share_of_shadow_map", (double)r->publish->bytes / shadow_map_bytes(r),
                       9);
-    umbu_json_integer(json, "memory_bytes", info->memory_bytes);
     umbu_json_begin(json, "level_nodes", '{');
     for (uint32_t level = UMB_LEVEL_BRICK; level <= r->options->resolution_log2; level++) {
         char key[16];
