@@ -141,7 +141,7 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     put_asset(&json, r);
     UMBU_JSON_COUNTS(&json, {"texels", r->figures.texels}, {"tile", 1U << r->tile_log2},
                      {"tiles", r->figures.tiles}, {"tiles_found", r->figures.tiles_found},
-                     {"tiles_damaged", r->damaged_tiles});
+                     {"tiles_of_base", r->base_tiles}, {"tiles_damaged", r->damaged_tiles});
     umbu_json_text(&json, "depth", r->depth_path);
     umbu_json_begin(&json, "seconds", '{');
     UMBU_JSON_VALUES(&json, 6, {"import", r->seconds_import}, {"analysis", r->seconds_analysis},

@@ -39,6 +39,10 @@
 /* Share of --memory that records of earlier self-checks may take. */
 #define PROOFS_SHARE 32U
 
+/* Share of the octree's memory that the octree of an earlier bake may take: the nodes of tiles that
+ * changed stay in the pool until the bake ends. */
+#define BASE_SHARE 8U
+
 /* State of a run. */
 struct run {
     const struct umbb_options *options; /* `chosen`, or the caller's */
@@ -57,6 +61,7 @@ struct run {
     struct umbb_report report;
     struct umbb_tile_folder tile_folder; /* its cache.folder is NULL if no folder is used */
     struct umbb_proofs proofs;           /* records of earlier self-checks, or zero */
+    struct umbb_base base;               /* octree of an earlier bake; its cache is NULL if none */
     uint64_t check_max_bytes;            /* limit of the asset's memory during its check */
     double start_s;
 };
@@ -316,7 +321,13 @@ static enum umb_status open_proofs(struct run *run, const struct umbb_memory_pla
         .cache = &run->tile_folder.cache,
     };
     run->tile_folder.proofs = &run->proofs;
-    return umbb_proofs_open(&run->proofs, &job, error);
+    UMB__TRY(umbb_proofs_open(&run->proofs, &job, error));
+    if (run->proofs.frusta == NULL || job.occluder_depth) {
+        return UMB_OK;
+    }
+    run->tile_folder.base = &run->base;
+    return umbb_base_open(&run->base, &run->proofs, &run->tile_folder.cache,
+                          memory->octree_max_bytes / BASE_SHARE, error);
 }
 
 /* Checks tiles that several machines share: the tile size must be as requested, and tile numbers
@@ -503,6 +514,15 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
     return status;
 }
 
+/* Keeps the octree for the next bake. Without it the next one merges all tiles. */
+static void keep_base(struct run *run)
+{
+    struct umb_error error;
+    if (umbb_base_keep(&run->base, &run->octree, &error) != UMB_OK && !run->options->quiet) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
+    }
+}
+
 /* Keeps the records of this self-check. Without them the next one compares more. */
 static void keep_proofs(const struct run *run)
 {
@@ -517,10 +537,12 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
     UMB__TRY(bake(run, error));
     UMB__TRY(write_asset(run, error));
+    keep_base(run);
     const enum umb_status status = check_asset(run, error);
     if (status == UMB_E_INTERNAL) {
-        umbb_proofs_refuse(
-            &run->proofs); /* so that the next bake does not find a wrong tile again */
+        /* So that the next bake does not find a wrong tile again. */
+        umbb_proofs_refuse(&run->proofs);
+        umbb_base_drop(&run->base);
     }
     UMB__TRY(status);
     UMB__TRY(umbb_publish_commit(&run->publish, error));
@@ -566,6 +588,7 @@ static void print_report(struct run *run)
     run->report.analysis = &run->analysis;
     run->report.publish = &run->publish;
     run->report.damaged_tiles = run->tile_folder.cache.damaged;
+    run->report.base_tiles = run->base.found;
     run->report.seconds_total = umbu_clock_s() - run->start_s;
     if (run->options->task == UMBB_TASK_TILE) {
         umbb_report_print_tiles(stdout, &run->report);
@@ -612,6 +635,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
     free(run.receiver_mask_cells);
     umb__transmittance_bytes_finish(&run.transmittance);
+    umbb_base_close(&run.base);
     umbb_proofs_close(&run.proofs);
     umbb_tile_folder_close(&run.tile_folder);
     free(run.plan);
