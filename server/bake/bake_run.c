@@ -462,6 +462,18 @@ static void write_notes(const struct run *run, char *text, size_t size)
              umbu_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
 }
 
+/* Keeps the octree and its pages for the next bake. Without them the next one merges all tiles. */
+static void keep_base(void *user, const struct umb__pack_cuts *cuts,
+                      const struct umb__kept_page *pages, uint32_t page_count)
+{
+    const struct run *run = user;
+    struct umb_error error;
+    if (umbb_base_keep(&run->base, cuts, pages, page_count, &error) != UMB_OK &&
+        !run->options->quiet) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
+    }
+}
+
 static enum umb_status write_asset(struct run *run, struct umb_error *error)
 {
     char notes[160];
@@ -474,6 +486,9 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     umbu_threads_wait(run->hashing, NULL, NULL);
     memcpy(content.scene_hash, run->scene_hash, sizeof content.scene_hash);
     run->publish.threads = run->options->threads;
+    run->publish.kept = &run->base.kept;
+    run->publish.made = run->base.cache != NULL ? keep_base : NULL;
+    run->publish.made_user = run;
     UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
     if (run->analysis.count > 0) {
         UMB__TRY(
@@ -481,6 +496,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
+    umbb_base_release(&run->base);
     run->report.seconds_write = umbu_clock_s() - start;
     return status;
 }
@@ -514,15 +530,6 @@ static enum umb_status check_asset(struct run *run, struct umb_error *error)
     return status;
 }
 
-/* Keeps the octree for the next bake. Without it the next one merges all tiles. */
-static void keep_base(struct run *run)
-{
-    struct umb_error error;
-    if (umbb_base_keep(&run->base, &run->octree, &error) != UMB_OK && !run->options->quiet) {
-        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
-    }
-}
-
 /* Keeps the records of this self-check. Without them the next one compares more. */
 static void keep_proofs(const struct run *run)
 {
@@ -536,9 +543,10 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
 {
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
     UMB__TRY(bake(run, error));
-    UMB__TRY(write_asset(run, error));
-    keep_base(run);
-    const enum umb_status status = check_asset(run, error);
+    enum umb_status status = write_asset(run, error);
+    if (status == UMB_OK) {
+        status = check_asset(run, error);
+    }
     if (status == UMB_E_INTERNAL) {
         /* So that the next bake does not find a wrong tile again. */
         umbb_proofs_refuse(&run->proofs);

@@ -94,9 +94,13 @@ static int find_image(struct umbb_base *base, const uint8_t *tiles, const uint8_
         runs += umb__load32(tiles + i * TILE_BYTES + 2 * UMB_ID_BYTES + 8);
     }
     const uint8_t *at = tiles + base->tile_count * TILE_BYTES, *skipped;
-    const int fits = umb__take(&at, end, runs, RUN_BYTES, &skipped);
+    if (!umb__take(&at, end, runs, RUN_BYTES, &skipped) || !umb__take(&at, end, 1, 8, &skipped)) {
+        return 0;
+    }
+    const uint64_t image = umb__load64(skipped);
     base->image = (size_t)(at - base->bytes);
-    return fits;
+    base->kept_at = base->image + (size_t)image;
+    return umb__take(&at, end, image, 1, &skipped);
 }
 
 /* Decodes the tiles. Returns as read_tile. */
@@ -114,7 +118,7 @@ static int decode(struct umbb_base *base)
     for (uint32_t f = 0; f < base->proofs->frustum_count; f++) {
         const struct umbb_frustum_proofs *one = &base->proofs->frusta[f];
         const uint32_t nodes =
-            nodes_of(base->bytes + base->image, base->size - base->image, one->tile_log2);
+            nodes_of(base->bytes + base->image, base->kept_at - base->image, one->tile_log2);
         for (size_t t = 0; t < one->tile_count && read == 1; t++, number++) {
             read = read_tile(one, tiles + number * TILE_BYTES, &at, end, nodes, &base->before,
                              &base->before.tiles[number]);
@@ -130,13 +134,19 @@ static void tiles_finish(struct umbb_base_tiles *tiles)
     memset(tiles, 0, sizeof *tiles);
 }
 
+void umbb_base_release(struct umbb_base *base)
+{
+    umb__pack_kept_finish(&base->kept);
+    free(base->bytes);
+    base->bytes = NULL;
+    base->size = base->image = base->kept_at = 0;
+}
+
 /* Forgets the base that was read. */
 static void forget(struct umbb_base *base)
 {
+    umbb_base_release(base);
     tiles_finish(&base->before);
-    free(base->bytes);
-    base->bytes = NULL;
-    base->size = base->image = 0;
 }
 
 enum umb_status umbb_base_open(struct umbb_base *base, const struct umbb_proofs *proofs,
@@ -183,7 +193,7 @@ void umbb_base_load(struct umbb_base *base, struct umb__pool *pool)
         return;
     }
     const enum umb_status status =
-        umb__pool_load(pool, base->bytes + base->image, base->size - base->image, &cause);
+        umb__pool_load(pool, base->bytes + base->image, base->kept_at - base->image, &cause);
     base->is_loaded = status == UMB_OK;
     if (status != UMB_OK) {
         umb__pool_clear(pool);
@@ -192,8 +202,9 @@ void umbb_base_load(struct umbb_base *base, struct umb__pool *pool)
     if (status == UMB_E_CORRUPT) {
         umbb_tile_cache_drop(base->cache, base->name);
     }
-    free(base->bytes); /* the pool has it now */
-    base->bytes = NULL;
+    for (uint32_t level = UMB_LEVEL_BRICK; level <= UMB_LEVEL_MAX; level++) {
+        base->counts[level] = pool->level[level].count;
+    }
 }
 
 const struct umbb_base_tile *umbb_base_find(const struct umbb_base *base, uint32_t frustum,
@@ -239,25 +250,53 @@ enum umb_status umbb_base_note(struct umbb_base *base, uint32_t frustum, uint32_
     return UMB_OK;
 }
 
-enum umb_status umbb_base_compact(struct umbb_base *base, struct umb__octree *octree,
-                                  struct umb_error *error)
+/* Gives the runs of this bake the numbers of the compacted octree. */
+static void renumber_runs(struct umbb_base *base, const struct umb__octree_map *map)
 {
-    struct umb__octree_map map;
-    if (!base->is_loaded || base->found == base->tile_count) {
-        return UMB_OK;
-    }
-    const enum umb_status status = umb__octree_compact(octree, &map, error);
     size_t number = 0;
-    for (uint32_t f = 0; f < base->proofs->frustum_count && status == UMB_OK; f++) {
+    for (uint32_t f = 0; f < base->proofs->frustum_count; f++) {
         const struct umbb_frustum_proofs *one = &base->proofs->frusta[f];
         for (size_t t = 0; t < one->tile_count; t++, number++) {
             const struct umbb_base_tile *tile = &base->now.tiles[number];
             for (size_t i = 0; i < tile->result.column.run_count; i++) {
                 uint32_t *ref = &base->now.runs.items[tile->run_first + i].ref;
-                *ref = umb__ref_state(*ref) == UMB__NODE_MIXED ? map.numbers[one->tile_log2][*ref]
-                                                               : *ref;
+                if (umb__ref_state(*ref) == UMB__NODE_MIXED) {
+                    *ref = map->numbers[one->tile_log2][*ref];
+                }
             }
         }
+    }
+}
+
+/* Reads what is kept of the cuts and pages. In: map: NULL: no node was removed. */
+static enum umb_status read_kept(struct umbb_base *base, const struct umb__octree_map *map,
+                                 struct umb_error *error)
+{
+    const enum umb_status status =
+        umb__pack_kept_read(base->bytes + base->kept_at, base->size - base->kept_at, base->counts,
+                            map, &base->kept, error);
+    if (status == UMB_E_CORRUPT) {
+        umb__pack_kept_finish(&base->kept);
+        umbb_tile_cache_drop(base->cache, base->name);
+        return UMB_OK;
+    }
+    return status;
+}
+
+enum umb_status umbb_base_compact(struct umbb_base *base, struct umb__octree *octree,
+                                  struct umb_error *error)
+{
+    struct umb__octree_map map;
+    if (!base->is_loaded) {
+        return UMB_OK;
+    }
+    if (base->found == base->tile_count) {
+        return read_kept(base, NULL, error);
+    }
+    enum umb_status status = umb__octree_compact(octree, &map, error);
+    if (status == UMB_OK) {
+        renumber_runs(base, &map);
+        status = read_kept(base, &map, error);
     }
     umb__octree_map_finish(&map);
     return status;
@@ -288,15 +327,17 @@ static int is_good(const struct umbb_base *base)
     return base->is_loaded && base->tile_count - base->found <= base->tile_count / CHANGED_SHARE;
 }
 
-enum umb_status umbb_base_keep(struct umbb_base *base, const struct umb__octree *octree,
+enum umb_status umbb_base_keep(const struct umbb_base *base, const struct umb__pack_cuts *cuts,
+                               const struct umb__kept_page *pages, uint32_t page_count,
                                struct umb_error *error)
 {
-    const size_t before =
-        HEAD_BYTES + base->tile_count * TILE_BYTES + base->now.runs.count * RUN_BYTES;
-    const uint64_t size = before + umb__octree_image_bytes(octree);
     if (base->cache == NULL || is_good(base)) {
         return UMB_OK;
     }
+    const size_t tiles =
+        HEAD_BYTES + base->tile_count * TILE_BYTES + base->now.runs.count * RUN_BYTES;
+    const uint64_t image = umb__octree_image_bytes(cuts->octree);
+    const uint64_t size = tiles + 8 + image + umb__pack_kept_bytes(cuts, pages, page_count);
     uint8_t *bytes = size < SIZE_MAX / 2 ? malloc((size_t)size) : NULL;
     if (bytes == NULL) {
         return umb_fail(error, UMB_E_NO_MEMORY, "base: memory for %llu bytes refused",
@@ -305,7 +346,9 @@ enum umb_status umbb_base_keep(struct umbb_base *base, const struct umb__octree 
     memcpy(bytes, MAGIC, 8);
     memcpy(bytes + 8, base->name, UMB_ID_BYTES);
     put_tiles(base, bytes + HEAD_BYTES);
-    umb__octree_image_write(octree, bytes + before);
+    umb__store64(bytes + tiles, image);
+    umb__octree_image_write(cuts->octree, bytes + tiles + 8);
+    umb__pack_kept_write(cuts, pages, page_count, bytes + tiles + 8 + image);
     const enum umb_status status =
         umbb_tile_cache_write(base->cache, base->name, bytes, (size_t)size, error);
     free(bytes);

@@ -10,13 +10,16 @@
  *     umbb_base_load(&base, &pool, &error);
  *     umbb_base_find(&base, frustum, tile, key) says whether the pool has a tile
  *     umbb_base_note(&base, ...) for each tile, found or baked
- *     umbb_base_keep(&base, &octree, &error);
+ *     umbb_base_compact(&base, &octree, &error);
+ *     the octree is written as an asset, with base.kept
+ *     umbb_base_keep(&base, cuts, pages, page_count, &error);
  *     umbb_base_close(&base);
  *
  * Layout, little-endian: magic "UMBBASE1", the base's name (32 bytes); for each tile of each frustum
  * its key and the SHA-256 of its result (32 bytes each), int32 max_lit, min_end, uint32 runs; then
  * for each run of each tile uint32 z_end, ref (tile_code.h; ref is a number of the octree); then
- * the octree (format/octree_image.h).
+ * uint64 bytes of the octree; the octree (format/octree_image.h); the cuts and pages of the asset
+ * that was written (format/pack_kept.h).
  *
  * The name is a hash of the names of the frusta's records (proofs.h), which say where all voxels
  * are. A base is trusted as tiles' results are, and as records only in a folder that no other user
@@ -28,6 +31,7 @@
 #include "bake/tiles/proofs.h"
 #include "bake/tiles/tile_code.h"
 #include "format/octree_image.h"
+#include "format/pack_kept.h"
 
 /* A tile of a base. */
 struct umbb_base_tile {
@@ -45,11 +49,13 @@ struct umbb_base {
     struct umbb_tile_cache *cache; /* borrowed; NULL: no base is used or kept */
     const struct umbb_proofs *proofs;
     uint8_t name[UMB_ID_BYTES];
-    size_t tile_count;  /* of all frusta */
-    uint8_t *bytes;     /* the file; NULL: there is no base */
-    size_t image, size; /* place of the octree in the file, and the file's size */
-    int is_loaded;      /* 1: the pool holds the base */
-    size_t found;       /* number of tiles of this bake that the base has */
+    size_t tile_count;           /* of all frusta */
+    uint8_t *bytes;              /* the file; NULL: there is no base */
+    size_t size, image, kept_at; /* size of the file; places of the octree and of what is kept */
+    uint32_t counts[UMB_LEVEL_MAX + 1]; /* nodes of the octree that was loaded */
+    struct umb__pack_kept kept;         /* cuts and pages of its nodes that this bake has, too */
+    int is_loaded;                      /* 1: the pool holds the base */
+    size_t found;                       /* number of tiles of this bake that the base has */
     struct umbb_base_tiles before, now;
 };
 
@@ -80,15 +86,20 @@ UMB_CHECKED enum umb_status umbb_base_note(struct umbb_base *base, uint32_t frus
                                            const struct umbb_tile_result *result,
                                            const struct umbb_runs *runs, struct umb_error *error);
 
-/* Removes nodes that only tiles of the base reached, which this bake has no more. Fails:
- * E_NO_MEMORY. */
+/* Removes the nodes that only tiles of the base reached which this bake has no more, and reads the
+ * cuts and pages of the others into base->kept. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_base_compact(struct umbb_base *base, struct umb__octree *octree,
                                               struct umb_error *error);
 
 /* Writes the base of this bake, if there is none or its tiles differ from too many of the one that
- * was read. Fails: as umbb_tile_cache_write. */
-UMB_CHECKED enum umb_status umbb_base_keep(struct umbb_base *base, const struct umb__octree *octree,
+ * was read. In: cuts, pages: of the asset that was written. Fails: as umbb_tile_cache_write. */
+UMB_CHECKED enum umb_status umbb_base_keep(const struct umbb_base *base,
+                                           const struct umb__pack_cuts *cuts,
+                                           const struct umb__kept_page *pages, uint32_t page_count,
                                            struct umb_error *error);
+
+/* Frees what only the writing of the asset needs. */
+void umbb_base_release(struct umbb_base *base);
 
 /* Removes the base: a self-check refused the bake. */
 void umbb_base_drop(const struct umbb_base *base);

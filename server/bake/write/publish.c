@@ -52,6 +52,9 @@ enum umb_status umbb_publish_write(struct umbb_publish *publish, const struct um
                                       .sha256 = &umbs_sha256,
                                       .sink = &sink,
                                       .workers = &workers,
+                                      .kept = publish->kept,
+                                      .made = publish->made,
+                                      .made_user = publish->made_user,
                                       .cancelled = umbb_interrupted};
     enum umb_status status = umb__pack_run(&job, publish->id, error);
     umbu_threads_destroy(jobs);

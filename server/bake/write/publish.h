@@ -19,6 +19,10 @@
 struct umbb_publish {
     struct umbu_output file;
     unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
+    const struct umb__pack_kept *kept; /* as in struct umb__pack_job, set by the caller: NULL */
+    void (*made)(void *user, const struct umb__pack_cuts *cuts, const struct umb__kept_page *pages,
+                 uint32_t page_count);
+    void *made_user;
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;              /* size of the file */
     struct umb_asset_info info;  /* set by check, without strings and sizes in memory */
