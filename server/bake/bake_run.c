@@ -41,7 +41,7 @@
 
 /* Share of the octree's memory that the octree of an earlier bake may take: the nodes of tiles that
  * changed stay in the pool until the bake ends. */
-#define BASE_SHARE 8U
+#define BASE_SHARE 16U
 
 /* State of a run. */
 struct run {
@@ -417,6 +417,15 @@ static enum umb_status bake_prepared(struct run *run, const struct umbb_memory_p
     return o->task == UMBB_TASK_TILE ? UMB_OK : bake_transmittance(run, memory, error);
 }
 
+/* Takes the memory of a base from that of the octree: the file, and the arrays that are read from
+ * it. */
+static void leave_base(const struct umbb_base *base, struct umbb_memory_plan *memory)
+{
+    const size_t bytes = 2 * base->size;
+    memory->octree_max_bytes -= bytes;
+    memory->shared_max_bytes -= bytes < memory->shared_max_bytes ? bytes : 0;
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -431,6 +440,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
                                             &occluder_depth_bytes, error));
     UMB__TRY(open_tile_folder(run, error));
     UMB__TRY(open_proofs(run, &memory, error));
+    leave_base(&run->base, &memory);
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbu_clock_s();
