@@ -120,4 +120,4 @@ help: ## this list
 
 .PHONY: all clean help
 
--include $(shell test -d $(BUILD) && find $(BUILD) -name '*.d')
+-include $(shell test -d $(BUILD) && find $(BUILD) -type f -name '*.d')

@@ -3,8 +3,9 @@
 INC_tests = -Iclient/include -Iclient/core -Iclient -Iproto -Iserver -Itests/harness -Itests/oracle -I$(BUILD)/gen
 
 # The shaders' walk as C.
-$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: $(GPU_DIR)/umbrage.cuh
-$(BUILD)/tests/unit/core/test_gpu_walk.o $(BUILD)/tests/unit/core/test_gpu_lamps.o: INC_tests += -I$(GPU_DIR)
+GPU_TESTS := $(addprefix $(BUILD)/tests/,unit/core/test_gpu_walk.o unit/core/test_gpu_lamps.o agreement/gpu_answers.o)
+$(GPU_TESTS): $(GPU_DIR)/umbrage.cuh
+$(GPU_TESTS): INC_tests += -I$(GPU_DIR)
 
 # Tests are compiled more often than they run.
 ifeq ($(config),release)
@@ -81,7 +82,7 @@ $(BUILD)/intruder.so: $(BUILD)/tests/system/intruder.o
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) -shared $^ -o $@
 
-SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check gpu_voxels interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
+SYSTEM_NEEDS := $(PROGRAMS) $(addprefix $(BUILD)/,scenegen intruder.so oracle_check kernel_count page_count light_products lamp_check gpu_voxels gpu_answers interop/umbraged interop/wire_echo) $(WITHOUT_BINS)
 system: python gpu web-if-here $(SYSTEM_NEEDS) ## real processes on loopback, agreement, interop
 	@BUILD=$(BUILD) TEST_ATTEMPTS=2 $(RUN) $(SYSTEM_TESTS)
 
@@ -158,7 +159,7 @@ kernel-bits: $(PROGRAMS) $(BUILD)/scenegen $(BUILD)/kernel_bits ## the same bits
 $(BUILD)/lamp_check: $(BUILD)/tests/agreement/lamp_check.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
-$(BUILD)/gpu_voxels: $(BUILD)/tests/agreement/gpu_voxels.o $(CORE_LIB)
+$(BUILD)/gpu_voxels $(BUILD)/gpu_answers: $(BUILD)/%: $(BUILD)/tests/agreement/%.o $(CORE_LIB)
 	$(call say,LD,$@)
 	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
 LAMPS ?= 2000

@@ -116,8 +116,10 @@ static enum umb_status judge(const struct http *http, const struct fetch *fetch,
     long code = 0;
     (void)curl_easy_getinfo(fetch->easy, CURLINFO_RESPONSE_CODE, &code);
     if (fetch->whole_file) {
-        return umb_fail(error, UMB_E_UNSUPPORTED, "'%.200s': the server does not serve ranges",
-                        http->url);
+        return umb_fail(error, UMB_E_UNSUPPORTED,
+                        "'%.200s': the server does not serve ranges (%ld to a request of one); "
+                        "download the file and give its path",
+                        http->url, code);
     }
     /* A refusal may cut off its body, so an HTTP error counts even if the write failed. A redirect
      * is an error only if curl did not follow it. */

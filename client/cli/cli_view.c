@@ -30,7 +30,7 @@ struct view_settings {
     const char *target, *scene, *folder; /* folder: of --export, or NULL */
     unsigned port, up;
     struct umbu_session session;
-    bool json, quiet;
+    bool json, quiet, force;
 };
 #define AT(field) UMBU_AT(struct view_settings, field)
 
@@ -41,7 +41,10 @@ static const struct umbu_option OPTIONS[] = {
      UMBU_TEXT, AT(target), .needed = true},
     {"scene", "SCENE", "scene to show (.glb .gltf .obj .ply .stl); without it a plane is shown",
      UMBU_TEXT, AT(scene)},
-    {"up", NULL, "the scene's up axis", UMBU_CHOICE("y|z"), AT(up), .standard = "y"},
+    {"up", "y|z", "the scene's up axis", UMBU_CHOICE("|y|z"), AT(up),
+     .otherwise = "as the asset was baked"},
+    {"force", NULL, "goes on even if the asset was baked from another scene", UMBU_FLAG, AT(force),
+     .needs = "scene"},
     {"port", "N", "port on 127.0.0.1; 0 = any that is free", UMBU_COUNT(0, 65535), AT(port),
      .standard = "0"},
     {"export", "DIR",
@@ -160,7 +163,10 @@ static enum umb_status add_scene(struct umbc_view_site *site, const struct view_
                                 bundle.files[i].path);
     }
     umbc_bundle_finish(&bundle);
-    return status;
+    return status != UMB_OK || settings->force
+               ? status
+               : umbc_view_scene_match(site, settings->target, settings->scene, settings->quiet,
+                                       error);
 }
 
 /* Returns the last part of a path or an address. What follows ? or # may be a secret, and so may
@@ -193,7 +199,8 @@ static enum umb_status add_config(struct umbc_view_site *site, const struct view
     umbu_json_bytes(&json, "name", name, length);
     umbu_json_text(&json, "asset", asset);
     umbc_json_id(&json, "id", site->head.id);
-    umbu_json_text(&json, "up", settings->up == 0 ? "y" : "z");
+    umbu_json_text(&json, "up",
+                   settings->up == 0 ? (site->z_up ? "z" : "y") : (settings->up == 1 ? "y" : "z"));
     if (scene[0] != '\0') {
         umbu_json_text(&json, "scene", scene);
     }
@@ -324,15 +331,12 @@ static int export_site(struct umbc_view_site *site, const struct view_settings *
 
 /* --- serve --- */
 
-static int serve_site(struct umbc_view_site *site, const struct view_settings *settings,
-                      struct umb_error *error)
+static int serve_site(struct umbc_view_site *site, const struct umbc_view_listener *listener,
+                      const struct view_settings *settings, struct umb_error *error)
 {
-    struct umbc_view_listener listener = {.port = settings->port};
     char address[64 + UMBC_VIEW_KEY_SIZE];
-    if (umbc_view_listen(&listener, error) != UMB_OK) {
-        return umbc_complain(error);
-    }
-    (void)snprintf(address, sizeof address, "http://127.0.0.1:%u/%s/", listener.port, listener.key);
+    (void)snprintf(address, sizeof address, "http://127.0.0.1:%u/%s/", listener->port,
+                   listener->key);
     if (settings->json) {
         struct umbu_json json = umbu_json_open(stdout);
         umbu_json_text(&json, "address", address);
@@ -345,9 +349,8 @@ static int serve_site(struct umbc_view_site *site, const struct view_settings *s
         if (!settings->quiet) {
             (void)fprintf(stderr, "umbrage view: open this address in a browser; Ctrl-C stops\n");
         }
-        code = umbc_view_serve(&listener, site, error) == UMB_OK ? 0 : umbc_complain(error);
+        code = umbc_view_serve(listener, site, error) == UMB_OK ? 0 : umbc_complain(error);
     }
-    (void)close(listener.socket);
     return code;
 }
 
@@ -361,29 +364,46 @@ static struct umbc_origin find_origin(const struct view_settings *settings)
     return origin;
 }
 
+/* Opens the asset, gathers the files, and serves or exports them. */
+static int show(const struct umbc_view_listener *listener, const struct view_settings *settings,
+                struct umb_error *error)
+{
+    struct umbc_origin origin = find_origin(settings);
+    struct umb_region_source source;
+    struct umbc_view_site site = {.count = 0};
+    int code;
+    if (umbc_origin_open(&origin, &source, error) == UMB_OK) {
+        code = umbc_view_site_begin(&site, &source, error) != UMB_OK
+                   ? umbc_complain_file(settings->target, error)
+               : fill(&site, settings, error) != UMB_OK ? umbc_complain(error)
+               : settings->folder != NULL               ? export_site(&site, settings, error)
+                                          : serve_site(&site, listener, settings, error);
+        umbc_view_site_finish(&site);
+    } else {
+        code = umbc_complain(error);
+    }
+    umbc_origin_close(&origin, &source);
+    umbc_origin_finish(&origin);
+    return code;
+}
+
 int umbc_view(int argc, char **argv)
 {
     struct umbu_parsed parsed;
     struct view_settings settings = {.target = NULL};
     struct umb_error error = {.status = UMB_OK};
-    struct umb_region_source source;
-    struct umbc_view_site site = {.count = 0};
     int code = umbu_start(&parsed, &COMMAND, argc, argv, &settings);
     if (code >= 0) {
         return code;
     }
-    struct umbc_origin origin = find_origin(&settings);
-    if (umbc_origin_open(&origin, &source, &error) == UMB_OK) {
-        code = umbc_view_site_begin(&site, &source, &error) != UMB_OK
-                   ? umbc_complain_file(settings.target, &error)
-               : fill(&site, &settings, &error) != UMB_OK ? umbc_complain(&error)
-               : settings.folder != NULL                  ? export_site(&site, &settings, &error)
-                                                          : serve_site(&site, &settings, &error);
-        umbc_view_site_finish(&site);
-    } else {
-        code = umbc_complain(&error);
+    /* A port that is taken is told before anything is read. */
+    struct umbc_view_listener listener = {.port = settings.port, .socket = -1};
+    if (settings.folder == NULL && umbc_view_listen(&listener, &error) != UMB_OK) {
+        return umbc_complain(&error);
     }
-    umbc_origin_close(&origin, &source);
-    umbc_origin_finish(&origin);
+    code = show(&listener, &settings, &error);
+    if (listener.socket >= 0) {
+        (void)close(listener.socket);
+    }
     return code;
 }

@@ -362,7 +362,6 @@ static void serve_connection(struct connection *connection)
     for (bool goes_on = true; goes_on;) {
         struct umbn_http1_request request;
         int refusal;
-        set_waits_since(connection, umbu_clock_s());
         const size_t size = receive_head(connection, &refusal);
         if (refusal != 0) {
             request = (struct umbn_http1_request){.method = UMBN_HTTP1_OTHER};
@@ -376,6 +375,7 @@ static void serve_connection(struct connection *connection)
         goes_on = answer(connection, &request);
         connection->size -= size;
         memmove(connection->head, connection->head + size, connection->size);
+        set_waits_since(connection, umbu_clock_s());
     }
     linger(connection);
 }

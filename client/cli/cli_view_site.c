@@ -11,6 +11,9 @@
 #include <unistd.h>
 
 #include "tool/tool_try.h"
+#include "umbrage/partial.h"
+
+#define FRONT_BYTES_MAX ((uint64_t)256 << 20)
 
 /* Reads bytes of the asset. A source answers one thread at a time. */
 static enum umb_status read_asset(struct umbc_view_site *site, uint64_t offset, uint8_t *bytes,
@@ -27,6 +30,31 @@ static enum umb_status read_asset(struct umbc_view_site *site, uint64_t offset, 
                : status;
 }
 
+/* Reads the head of the asset, and its record of the scene. */
+static enum umb_status read_record(struct umbc_view_site *site, struct umb_error *error)
+{
+    const struct umb_partial_options options = {.sha256 = umb_sha256_openssl()};
+    struct umb_partial *partial = NULL;
+    struct umb_asset_info info;
+    const size_t size = (size_t)site->head.open_bytes;
+    uint8_t *front = site->head.open_bytes <= FRONT_BYTES_MAX ? malloc(size) : NULL;
+    if (front == NULL) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "asset: its head has %llu bytes",
+                        (unsigned long long)site->head.open_bytes);
+    }
+    enum umb_status status = read_asset(site, 0, front, size, error);
+    status = status == UMB_OK ? umb_partial_open(front, size, &options, &partial, error) : status;
+    free(front);
+    status = status == UMB_OK ? umb_partial_build(partial, error) : status;
+    if (status == UMB_OK) {
+        umb_asset_get_info(umb_partial_lower(partial), &info);
+        memcpy(site->scene_hash, info.scene_hash, sizeof site->scene_hash);
+        site->z_up = strstr(info.settings, "\nup=z\n") != NULL;
+    }
+    umb_partial_close(partial);
+    return status;
+}
+
 enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
                                      const struct umb_region_source *asset, struct umb_error *error)
 {
@@ -38,7 +66,7 @@ enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
     UMB__TRY(read_asset(site, 0, bytes, sizeof bytes, error));
     UMB__TRY(umb_file_read_head(bytes, sizeof bytes, &site->head, error));
     return site->head.encoding == UMB_ENCODING_PACKED
-               ? UMB_OK
+               ? read_record(site, error)
                : umb_fail(error, UMB_E_UNSUPPORTED,
                           "asset: is a mapped file; browsers read packed ones (umbrage pack)");
 }

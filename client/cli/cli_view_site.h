@@ -8,6 +8,7 @@
  * Threads: after it is made, any number of threads may read a site.
  */
 #include <pthread.h>
+#include <stdbool.h>
 #include "umbrage/file.h"
 #include "umbrage/region.h"
 
@@ -23,9 +24,11 @@ struct umbc_view_file {
 struct umbc_view_site {
     struct umbc_view_file *files; /* [count] */
     size_t count;
-    struct umb_region_source asset; /* Borrowed */
-    struct umb_file_head head;      /* Of the asset */
-    pthread_mutex_t lock;           /* One thread at a time reads the asset's source */
+    struct umb_region_source asset;   /* Borrowed */
+    struct umb_file_head head;        /* Of the asset */
+    uint8_t scene_hash[UMB_ID_BYTES]; /* Hash of the scene that the asset was baked from */
+    bool z_up;                        /* Up axis of that scene */
+    pthread_mutex_t lock;             /* One thread at a time reads the asset's source */
 };
 
 /* An open file of the site. */
@@ -47,6 +50,12 @@ UMB_CHECKED enum umb_status umbc_view_site_begin(struct umbc_view_site *site,
 UMB_CHECKED enum umb_status umbc_view_site_add(struct umbc_view_site *site, const char *path,
                                                const char *source, char *bytes, size_t size,
                                                struct umb_error *error);
+/* Checks that the asset was baked from a scene, as far as umbrage-bake is installed; otherwise prints
+ * a notice unless quiet. In: asset: its name, for the message. Fails: E_BAD_SCENE. */
+UMB_CHECKED enum umb_status umbc_view_scene_match(const struct umbc_view_site *site,
+                                                  const char *asset, const char *scene, bool quiet,
+                                                  struct umb_error *error);
+
 void umbc_view_site_finish(struct umbc_view_site *site);
 
 /* Returns the file of a path, or NULL. */

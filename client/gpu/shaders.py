@@ -4,7 +4,7 @@
 Makes the shader includes of all languages from walk.shader.
 
     shaders.py walk.shader FOLDER    writes umbrage.wgsl, umbrage_es.glsl, umbrage.glsl, umbrage.hlsl, umbrage.cuh and
-                                     shaders.js, a module with the two texts that browsers take
+                                     shaders.js, a module that has the two texts for browsers
 
 The source is GLSL of a narrow kind. GLSL takes it as it is; for the others names of types change, WGSL declares in its own
 way, and CUDA and C get the array of entries as the first argument of each function that reads it.
@@ -19,6 +19,9 @@ VECTORS = {"uvec2": ("uint2", "vec2u"), "uvec4": ("uint4", "vec4u"), "ivec3": ("
 SCALARS = {"uint": ("uint32_t", "u32"), "int": ("int32_t", "i32"), "float": ("float", "f32"), "bool": ("bool", "bool")}
 TYPE = r"(uint|int|float|bool|uvec2|uvec4|ivec3|ivec4|vec2|vec3|vec4|Umbrage\w+)"
 FUNCTION = re.compile(rf"^{TYPE} (umbrage_\w+)\((.*)\)$", re.MULTILINE)
+
+PUBLIC = ["UmbragePlacement"] + ["umbrage_" + name for name in (
+    "box tent coarse lamp_box footprint penumbra place place_steps place_lamp count_box count_tent count_cell".split())]
 
 # Reading an entry, and counting bits, in each language.
 GLSL_ES = """#ifndef UMBRAGE_ES_GLSL
@@ -160,11 +163,11 @@ def to_c(source):
     source = FUNCTION.sub(r"UMBRAGE_FUNCTION \1 \2(\3)", source)
     source = re.sub(r"\bUmbragePlacement (\w+\[6\])", r"const UmbragePlacement \1", source)
     source = re.sub(rf"^(UMBRAGE_FUNCTION \w+ (?:{reading})\()", r"\1const uint4 *data, ", source, flags=re.MULTILINE)
-    source = re.sub(rf"(?<!\w )\b({reading})\((?!const uint4)", r"\1(data, ", source)
+    source = re.sub(rf"\b({reading})\((?!const uint4)", r"\1(data, ", source)
     source = re.sub(r"\b(uint|int|float)\(", lambda found: f"({SCALARS[found.group(1)][0]})(", source)
     source = re.sub(r"\b(u?i?vec[234])\(", lambda found: f"make_{VECTORS[found.group(1)][0]}(", source)
     source = re.sub(r"^struct (Umbrage\w+) \{(.*?)^\};", r"typedef struct {\2} \1;", source, flags=re.MULTILINE | re.DOTALL)
-    source = re.sub(r"\b(abs|sqrt|floor)\(", lambda found: {"abs": "fabsf("}.get(found.group(1), found.group(1) + "f("), source)
+    source = re.sub(r"\b(abs|sqrt|floor|tan)\(", lambda found: {"abs": "fabsf("}.get(found.group(1), found.group(1) + "f("), source)
     names = {glsl: hlsl for glsl, (hlsl, _) in VECTORS.items()} | {"uint": "uint32_t", "int": "int32_t"}
     return "\n".join(line if line.lstrip().startswith("//") else words(line, names) for line in source.split("\n"))
 
@@ -184,30 +187,47 @@ def to_wgsl(source):
     return "\n".join(line if line.lstrip().startswith("//") else words(line, names) for line in source.split("\n"))
 
 
+def short_names(source):
+    """Short names for the functions and types that guide and tests do not name."""
+    names = [found.group(2) for found in FUNCTION.finditer(source)] + re.findall(r"^struct (\w+)", source, re.MULTILINE)
+    return {name: f"{name[0]}mb{number}" for number, name in enumerate(names) if name not in PUBLIC}
+
+
+def shorten(text, names):
+    """A text as it goes over the web: without comments, indents, and blanks and ends of lines that mean nothing."""
+    text = re.sub(r"\n\s+", "\n", re.sub(r"\s*//.*", "", text)).strip()
+    text = re.sub(r" ?(==|[|&]{2}|[-+|&]=|>>|<<|(?<!-)>|[=,*+/;&|<]) ?", r"\1", text.replace("\n{", "{"))
+    return words(re.sub(r"([{};,])\n(?!#)", r"\1", text), names)
+
+
 def make(source):
     """The texts by the names of their files."""
     end = "\n#endif\n"
     texts = {"umbrage.wgsl": NOTE + WGSL + to_wgsl(source), "umbrage_es.glsl": NOTE + GLSL_ES + source + end,
              "umbrage.glsl": NOTE + GLSL + source + end, "umbrage.hlsl": NOTE + HLSL + to_hlsl(source) + end,
              "umbrage.cuh": NOTE + C.replace("@types@", make_c_types()) + to_c(source) + end}
-    # Without comments and indents: they go over the web.
-    short = {name: re.sub(r"\n\s+", "\n", re.sub(r"\s*//.*", "", text)).lstrip() for name, text in texts.items()}
-    # A package is loaded: blanks beside these signs, and ends of lines that no directive follows, mean nothing.
-    short = {name: re.sub(r"([{};])\n(?!#)", r"\1", re.sub(r" ?(==|\+=|[=,*+;]) ?", r"\1", text.replace("\n{", "{")))
-             for name, text in short.items()}
-    texts["shaders.js"] = NOTE + "".join(
-        f"export const {name} = `{short[file]}`;\n" for name, file in (("glsl", "umbrage_es.glsl"), ("wgsl", "umbrage.wgsl")))
+    names = short_names(source)
+    # The package has the walk once: its wgsl.js does what to_wgsl does.
+    texts["shaders.js"] = (NOTE + 'import { toWgsl } from "./wgsl.js";\n\n' + f"const walk = `{shorten(source, names)}`;\n" +
+                           f"export const glsl = `{shorten(GLSL_ES, names)}\n${{walk}}\n#endif\n`;\n" +
+                           f"export const wgsl = `{shorten(WGSL, names)}` + toWgsl(walk);\n")
     return texts
+
+
+def read(path):
+    """The source without the line of its licence."""
+    with open(path, encoding="utf-8") as file:
+        return "\n" + file.read().split("\n", 1)[1]
 
 
 def main():
     source, folder = sys.argv[1:]
-    with open(source, encoding="utf-8") as file:
-        text = "\n" + file.read().split("\n", 1)[1]
+    text = read(source)
     os.makedirs(folder, exist_ok=True)
     for name, made in make(text).items():
         with open(os.path.join(folder, name), "w", encoding="utf-8") as file:
             file.write(made)
 
 
-main()
+if __name__ == "__main__":
+    main()

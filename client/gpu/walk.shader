@@ -5,8 +5,8 @@
 // is written in what these languages share: one statement a line, no conditional expressions, literals with a suffix where
 // they are unsigned, shifts by unsigned numbers, parameters that are never assigned to.
 //
-// The data is an array of entries of four 32-bit words (umbrage/gpu.h): entry 0 is the head, entry 1 + f describes frustum
-// f; grids, nodes and bricks follow. Nodes are the wide nodes of the mapped layout (docs/reference/umb-format.md, section
+// The data is an array of entries of four 32-bit words (umbrage/gpu.h): entry 0 is the head. Of F frusta, entries 1 + f
+// and 1 + F + f describe frustum f; grids, nodes, bricks and the words of occluder depths follow. Nodes are the wide nodes of the mapped layout (docs/reference/umb-format.md, section
 // 6), with one addition for partial assets: a child whose bits are 1 in both masks is missing.
 //
 // A link is a cell's or child's content: 0 shadowed, 1 lit, 0xffffffff missing, else 2 plus the number of a node or brick.
@@ -33,6 +33,14 @@ struct UmbragePlacement {
 struct UmbrageUnits {
     ivec3 at;
     bool in_range;
+};
+
+// Where a position is looked up: its voxel, and its place in that voxel, 0 to below 1. state: 0: to be looked up; 1: lit;
+// 2: shadowed, since the surface faces away.
+struct UmbrageLook {
+    ivec3 voxel;
+    vec3 part;
+    int state;
 };
 
 // A position in a face of a lamp, and the length of the bias in metres.
@@ -63,6 +71,33 @@ struct UmbrageWindow {
     int x1;
     int y1;
     uint z;
+};
+
+// The depths of first occluders that the voxels of a frustum do not have.
+struct UmbrageDepths {
+    uint first; // Entry of word 0
+    uint root;  // Reference to the square of the whole frustum; 0: voxels have all
+    uint kind;  // 0: depths are unknown; 1: columns stay shadowed behind their first occluder; 2: the words know
+};
+
+// A search for blockers in the cone of the light's rays to a place.
+struct UmbrageSearch {
+    UmbrageLook place;
+    float reach_x; // Texels that the cone grows in a voxel of depth
+    float reach_y;
+    float gaps;    // Sums of s^2 / g and of s^2 / g^2 over the samples that block
+    float cover;
+    uint guess;    // Depth of the blocker found last
+    bool missing;  // True if a missing cube was met
+};
+
+// One axis of a box of real width: texels covered at all, texels covered wholly, and the covered part of the others.
+struct UmbrageSpan {
+    int low;
+    int high;
+    int inner_low;
+    int inner_high;
+    float part;
 };
 
 UmbrageTree umbrage_tree(uint frustum)
@@ -516,38 +551,71 @@ vec4 umbrage_bias(UmbragePlacement at, vec3 normal, float length2, float taps, f
                 follows * along_y / depth, 0.0);
 }
 
-// Finds the voxel at which a position is looked up. `steps`: edge in voxels of the cells of the look-up. w: 0: to be looked
-// up; 1: lit; 2: shadowed, since the surface faces away.
-ivec4 umbrage_place_steps(UmbragePlacement at, vec3 position, vec3 normal, float taps, float steps)
+// Moves a position, and finds its voxel. bias: what umbrage_bias gives; its w has no effect here.
+UmbrageLook umbrage_seek(UmbragePlacement at, vec3 position, vec3 move_by, vec4 bias)
 {
-    float length2 = normal.x * normal.x + normal.y * normal.y + normal.z * normal.z;
-    vec4 bias = vec4(0.0, 0.0, 0.0, 0.0);
-    vec3 along = vec3(0.0 - at.light.x, 0.0 - at.light.y, 0.0 - at.light.z);
-    if (length2 > 0.0) {
-        if (umbrage_dot(normal, at.light) >= 0.0) {
-            return ivec4(0, 0, 0, 2);
-        }
-        bias = umbrage_bias(at, normal, length2, taps, steps);
-        along = normal;
-    } else if (at.info.z == 1) {
-        bias.w = 0.29318577 * (2.0 * taps + 1.0) * steps * at.step_z.w;
-    } else {
-        bias.w = at.light.w;
-    }
-    UmbrageUnits moved = umbrage_units(at, position, vec3(along.x * bias.w, along.y * bias.w, along.z * bias.w));
+    UmbrageLook look;
+    look.voxel = ivec3(0, 0, 0);
+    look.part = vec3(0.0, 0.0, 0.0);
+    look.state = 1;
+    UmbrageUnits moved = umbrage_units(at, position, move_by);
     if (!moved.in_range) {
-        return ivec4(0, 0, 0, 1);
+        return look;
     }
     ivec3 units = moved.at;
     uint shift = uint(at.info.x);
     uvec2 x = umbrage_row(at.row_x, at.low.x, units);
     uvec2 y = umbrage_row(at.row_y, at.low.y, units);
     uvec2 z = umbrage_row(at.row_z, at.low.z, units);
-    float right = 0.5 - umbrage_fraction(x, shift);
-    float down = 0.5 - umbrage_fraction(y, shift);
-    float lift = bias.y * right + bias.z * down - bias.x;
+    look.part.x = umbrage_fraction(x, shift);
+    look.part.y = umbrage_fraction(y, shift);
+    float lift = bias.y * (0.5 - look.part.x) + bias.z * (0.5 - look.part.y) - bias.x;
     z = umbrage_add(z, umbrage_shift_left(int(lift * 4096.0), shift + 20u));
-    return ivec4(int(x.y) >> shift, int(y.y) >> shift, int(z.y) >> shift, 0);
+    look.part.z = umbrage_fraction(z, shift);
+    look.voxel = ivec3(int(x.y) >> shift, int(y.y) >> shift, int(z.y) >> shift);
+    look.state = 0;
+    return look;
+}
+
+// The bias of a position with a normal, or without one: `normal` is then 0, 0, 0, and w is metres towards the light.
+vec4 umbrage_bias_of(UmbragePlacement at, vec3 normal, float taps, float steps)
+{
+    float length2 = normal.x * normal.x + normal.y * normal.y + normal.z * normal.z;
+    if (length2 > 0.0) {
+        return umbrage_bias(at, normal, length2, taps, steps);
+    }
+    if (at.info.z == 1) {
+        return vec4(0.0, 0.0, 0.0, 0.29318577 * (2.0 * taps + 1.0) * steps * at.step_z.w);
+    }
+    return vec4(0.0, 0.0, 0.0, at.light.w);
+}
+
+// The direction of the bias: the normal, or towards the light without one.
+vec3 umbrage_bias_along(UmbragePlacement at, vec3 normal)
+{
+    if (normal.x * normal.x + normal.y * normal.y + normal.z * normal.z > 0.0) {
+        return normal;
+    }
+    return vec3(0.0 - at.light.x, 0.0 - at.light.y, 0.0 - at.light.z);
+}
+
+// Finds where a position is looked up. `steps`: edge in voxels of the cells of the look-up.
+UmbrageLook umbrage_look_steps(UmbragePlacement at, vec3 position, vec3 normal, float taps, float steps)
+{
+    vec3 along = umbrage_bias_along(at, normal);
+    vec4 bias = umbrage_bias_of(at, normal, taps, steps);
+    UmbrageLook look = umbrage_seek(at, position, vec3(along.x * bias.w, along.y * bias.w, along.z * bias.w), bias);
+    if (umbrage_dot(along, at.light) >= 0.0) {
+        look.state = 2;
+    }
+    return look;
+}
+
+// Finds the voxel at which a position is looked up. w: the state of struct UmbrageLook.
+ivec4 umbrage_place_steps(UmbragePlacement at, vec3 position, vec3 normal, float taps, float steps)
+{
+    UmbrageLook look = umbrage_look_steps(at, position, normal, taps, steps);
+    return ivec4(look.voxel.x, look.voxel.y, look.voxel.z, look.state);
 }
 
 // The same for a window of taps * taps texels.
@@ -748,6 +816,536 @@ ivec4 umbrage_place_lamp(UmbragePlacement faces[6], int count, vec3 position, ve
     return ivec4(place.x, place.y, place.z, place.w + 4 * sight.face);
 }
 
+// --- occluder depths -----------------------------------------------------------------------------------------------------
+// The words of docs/reference/umb-format.md, section 3: a tree of squares of 8 x 8 down to planes.
+
+UmbrageDepths umbrage_depths(uint frustum)
+{
+    uvec4 head = umbrage_load(0u);
+    uvec4 entry = umbrage_load(1u + head.z + frustum);
+    UmbrageDepths depths;
+    depths.first = entry.x;
+    depths.root = entry.y;
+    depths.kind = entry.z;
+    return depths;
+}
+
+uint umbrage_depth_word(uint first, uint index)
+{
+    return umbrage_word(umbrage_load(first + (index >> 2u)), index & 3u);
+}
+
+// Reads bit `bit` of the mask of 64 bits at word `at`.
+bool umbrage_depth_bit(uint first, uint at, uint bit)
+{
+    return ((umbrage_depth_word(first, at + (bit >> 5u)) >> (bit & 31u)) & 1u) != 0u;
+}
+
+// Number of set bits below `bit` in that mask.
+uint umbrage_depth_rank(uint first, uint at, uint bit)
+{
+    uint below = (1u << (bit & 31u)) - 1u;
+    uint low = umbrage_depth_word(first, at);
+    if (bit < 32u) {
+        return umbrage_bits(low & below);
+    }
+    return umbrage_bits(low) + umbrage_bits(umbrage_depth_word(first, at + 1u) & below);
+}
+
+// Height of a plane of 64 texels a side at texel (x, y).
+int umbrage_wide_plane(uint first, uint at, uint x, uint y)
+{
+    uvec2 sum = uvec2(umbrage_depth_word(first, at), umbrage_depth_word(first, at + 1u));
+    sum = umbrage_add(sum, umbrage_multiply(int(umbrage_depth_word(first, at + 2u)), int(x)));
+    sum = umbrage_add(sum, umbrage_multiply(int(umbrage_depth_word(first, at + 3u)), int(y)));
+    return int((sum.y << 12u) | (sum.x >> 20u));
+}
+
+// Height of a plane of 8 texels a side at texel (x, y).
+int umbrage_narrow_plane(uint first, uint at, uint x, uint y)
+{
+    uvec2 sum = umbrage_multiply(int(umbrage_depth_word(first, at)), 1);
+    sum = umbrage_add(sum, umbrage_multiply(int(umbrage_depth_word(first, at + 1u)), int(x)));
+    sum = umbrage_add(sum, umbrage_multiply(int(umbrage_depth_word(first, at + 2u)), int(y)));
+    return int((sum.y << 20u) | (sum.x >> 12u));
+}
+
+// Number `index` of an array of `width` bits each, 1 to 20.
+uint umbrage_residual(uint first, uint at, uint width, uint index)
+{
+    uint bit = index * width;
+    uint begin = bit & 31u;
+    uint value = umbrage_depth_word(first, at + (bit >> 5u)) >> begin;
+    if (begin + width > 32u) {
+        value |= umbrage_depth_word(first, at + (bit >> 5u) + 1u) << (32u - begin);
+    }
+    return value & ((1u << width) - 1u);
+}
+
+// Depth that a block's record gives at texel (x, y) of its square; -1: the voxels have it.
+int umbrage_block_depth(uint first, uint reference, uint planes, uint x, uint y)
+{
+    uint at = reference & 67108863u;
+    uint kind = reference >> 26u;
+    uint texel = (x & 7u) + ((y & 7u) << 3u);
+    if (kind < 32u && kind > 24u) {
+        uint plane = umbrage_residual(first, at, kind - 24u, texel);
+        if (plane == 0u) {
+            return -1;
+        }
+        return umbrage_wide_plane(first, planes + (plane - 1u) * 6u, x, y);
+    }
+    uint next = at + 3u;
+    if (kind >= 32u) {
+        if (!umbrage_depth_bit(first, next, texel)) {
+            return -1;
+        }
+        next += 2u;
+    }
+    int depth = umbrage_narrow_plane(first, at, x & 7u, y & 7u);
+    if ((kind & 31u) != 0u) {
+        depth -= int(umbrage_residual(first, next, kind & 31u, texel));
+    }
+    return depth;
+}
+
+// Depth that a square of several planes gives at its texel (x, y); -1: the voxels have it.
+int umbrage_square_depth(uint first, uint at, uint x, uint y)
+{
+    uint bit = (x >> 3u) + ((y >> 3u) << 3u);
+    uint count = umbrage_depth_word(first, at);
+    for (uint i = 0u; i < count; i++) {
+        uint plane = at + 1u + i * 6u;
+        if (umbrage_depth_bit(first, plane + 4u, bit)) {
+            return umbrage_wide_plane(first, plane, x, y);
+        }
+    }
+    uint rest = at + 1u + count * 6u;
+    if (!umbrage_depth_bit(first, rest, bit)) {
+        return -1;
+    }
+    uint reference = umbrage_depth_word(first, rest + 2u + umbrage_depth_rank(first, rest, bit));
+    return umbrage_block_depth(first, reference, at + 1u, x, y);
+}
+
+// Depth of the first occluder of column (x, y), if words tell it; -1: the voxels have it.
+int umbrage_stored_depth(UmbrageDepths depths, uint size_log2, uint x, uint y)
+{
+    uint reference = depths.root;
+    uint level = ((size_log2 + 2u) / 3u) * 3u;
+    while (reference >> 26u == 63u) {
+        level -= 3u;
+        uint at = reference & 67108863u;
+        uint child = ((x >> level) & 7u) + (((y >> level) & 7u) << 3u);
+        if (!umbrage_depth_bit(depths.first, at, child)) {
+            return -1;
+        }
+        reference = umbrage_depth_word(depths.first, at + 2u + umbrage_depth_rank(depths.first, at, child));
+    }
+    if (reference == 0u) {
+        return -1;
+    }
+    if (reference >> 26u == 0u) {
+        return umbrage_wide_plane(depths.first, reference & 67108863u, x & 63u, y & 63u);
+    }
+    return umbrage_square_depth(depths.first, reference & 67108863u, x & 63u, y & 63u);
+}
+
+// --- penumbras -----------------------------------------------------------------------------------------------------------
+// Percentage closer soft shadows under suns, as the core computes them in doubles (client/core/query/penumbra.c): a search
+// of the cone of the light's rays finds how far blockers are, and a box as wide as the penumbra gives the answer.
+
+// The largest cube around a voxel that is not mixed, or the voxel: level 0.
+UmbrageCube umbrage_uniform_cube(UmbrageTree tree, uint x, uint y, uint z)
+{
+    UmbrageCube cube = umbrage_grid_cube(tree, x, y, z);
+    cube = umbrage_descend(tree, cube, 3u, x, y, z);
+    if (umbrage_is_mixed(cube.link)) {
+        uvec4 pair = umbrage_load(tree.bricks + ((cube.link - 2u) << 2u) + ((z & 7u) >> 1u));
+        uint rows = umbrage_word(pair, ((z & 1u) << 1u) | ((y >> 2u) & 1u));
+        cube.link = (rows >> ((x & 7u) | ((y & 3u) << 3u))) & 1u;
+        cube.level = 0u;
+    }
+    return cube;
+}
+
+// Depth of the first shadowed voxel of a column at `limit` or before; -1: there is none; -2: a missing cube was met.
+int umbrage_first_occluder(UmbrageTree tree, UmbrageDepths depths, uint x, uint y, uint limit, uint guess)
+{
+    if (depths.kind == 2u) {
+        int stored = umbrage_stored_depth(depths, tree.size_log2, x, y);
+        if (stored > int(limit)) {
+            return -1;
+        }
+        if (stored >= 0) {
+            return stored;
+        }
+    }
+    UmbrageCube cube = umbrage_uniform_cube(tree, x, y, limit);
+    if (cube.link == 1u) {
+        return -1;
+    }
+    uint low = 0u;
+    uint high = limit & ~((1u << cube.level) - 1u);
+    uint probe = high >> 1u;
+    if (guess < high) {
+        probe = guess;
+    }
+    while (low < high && cube.link < 2u) {
+        cube = umbrage_uniform_cube(tree, x, y, probe);
+        uint begin = probe & ~((1u << cube.level) - 1u);
+        if (cube.link == 1u) {
+            low = begin + (1u << cube.level);
+        } else {
+            high = begin;
+        }
+        probe = low + ((high - low) >> 1u);
+    }
+    if (cube.link > 1u) {
+        return -2;
+    }
+    return int(high);
+}
+
+// Least distance before a place, in voxels of depth, at which the cone reaches the texel `offset` texels away.
+float umbrage_cone_gap(int offset, float part, float reach)
+{
+    float away = abs(float(offset) + 0.5 - part) - 0.5;
+    if (away > 0.0) {
+        return away / reach;
+    }
+    return 0.0;
+}
+
+// The last voxel of depth whose centre is at least `gap` before a place; below 0: none.
+int umbrage_depth_limit(UmbrageLook place, float gap, int last)
+{
+    if (gap > 16777216.0) {
+        return -1;
+    }
+    int limit = place.voxel.z + int(floor(place.part.z - gap - 0.5));
+    if (limit > last) {
+        return last;
+    }
+    return limit;
+}
+
+// Samples a column, which stands for stride * stride columns.
+UmbrageSearch umbrage_sample(UmbrageTree tree, UmbrageDepths depths, UmbrageSearch before, int i, int j, float stride)
+{
+    UmbrageSearch search = before;
+    UmbrageLook place = before.place;
+    int last = (1 << tree.size_log2) - 1;
+    int x = place.voxel.x + i;
+    int y = place.voxel.y + j;
+    if (x < 0 || y < 0 || x > last || y > last) {
+        return search;
+    }
+    float gap = umbrage_cone_gap(i, place.part.x, before.reach_x);
+    float other = umbrage_cone_gap(j, place.part.y, before.reach_y);
+    if (other > gap) {
+        gap = other;
+    }
+    int limit = umbrage_depth_limit(place, gap, last);
+    if (limit < 0) {
+        return search;
+    }
+    int depth = umbrage_first_occluder(tree, depths, uint(x), uint(y), uint(limit), before.guess);
+    if (depth == -2) {
+        search.missing = true;
+    }
+    if (depth >= 0) {
+        float distance = float(place.voxel.z - depth) + place.part.z - 0.5;
+        if (distance < 0.00000095367431640625) {
+            distance = 0.00000095367431640625;
+        }
+        search.gaps += stride * stride / distance;
+        search.cover += stride * stride / distance / distance;
+        search.guess = uint(depth);
+    }
+    return search;
+}
+
+// True if one cube proves that no column up to `outer` texels away has a blocker at depth `limit` or before.
+bool umbrage_is_clear(UmbrageTree tree, UmbrageDepths depths, ivec3 voxel, int outer, int limit)
+{
+    UmbrageWindow window;
+    window.x0 = voxel.x - outer;
+    window.y0 = voxel.y - outer;
+    window.x1 = voxel.x + outer;
+    window.y1 = voxel.y + outer;
+    window.z = uint(limit);
+    if (depths.kind != 1u || !umbrage_is_inside(tree, window)) {
+        return false;
+    }
+    UmbrageCube around = umbrage_around(tree, window);
+    return around.link == 1u;
+}
+
+// Searches rings of columns around a place: at distances 0, 1, 2, 3 to 4, 5 to 8 and so on up to 1024 texels. Each ring has
+// at most 56 samples.
+UmbrageSearch umbrage_search(UmbrageTree tree, UmbrageDepths depths, UmbrageSearch start)
+{
+    UmbrageSearch search = umbrage_sample(tree, depths, start, 0, 0, 1.0);
+    float reach = start.reach_x;
+    if (start.reach_y > reach) {
+        reach = start.reach_y;
+    }
+    int limit = 0;
+    for (int outer = 1; outer <= 1024 && limit >= 0; outer += outer) {
+        int stride = 1;
+        if (outer > 4) {
+            stride = outer / 4;
+        }
+        int inner = (outer / 2) / stride;
+        int end = outer / stride;
+        limit = umbrage_depth_limit(start.place, float(outer / 2) / reach, (1 << tree.size_log2) - 1);
+        if (limit >= 0 && !umbrage_is_clear(tree, depths, start.place.voxel, outer, limit)) {
+            for (int j = 0 - end; j <= end; j++) {
+                for (int i = 0 - end; i <= end; i++) {
+                    if (i < 0 - inner || i > inner || j < 0 - inner || j > inner) {
+                        search = umbrage_sample(tree, depths, search, i * stride, j * stride, float(stride));
+                    }
+                }
+            }
+        }
+    }
+    return search;
+}
+
+UmbrageSpan umbrage_span(int middle, float width)
+{
+    int inner = int((width - 1.0) * 0.5);
+    UmbrageSpan span;
+    span.part = (width - float(2 * inner + 1)) * 0.5;
+    span.inner_low = middle - inner;
+    span.inner_high = middle + inner;
+    span.low = span.inner_low;
+    span.high = span.inner_high;
+    if (span.part > 0.0) {
+        span.low -= 1;
+        span.high += 1;
+    }
+    return span;
+}
+
+// Sum of the weights of the texels begin .. end of an axis.
+float umbrage_span_weight(UmbrageSpan span, int begin, int end)
+{
+    float sum = 0.0;
+    int low = begin;
+    int high = end;
+    if (span.low < span.inner_low) {
+        if (begin <= span.low && end >= span.low) {
+            sum += span.part;
+        }
+        if (begin <= span.high && end >= span.high) {
+            sum += span.part;
+        }
+    }
+    if (low < span.inner_low) {
+        low = span.inner_low;
+    }
+    if (high > span.inner_high) {
+        high = span.inner_high;
+    }
+    if (high >= low) {
+        sum += float(high - low + 1);
+    }
+    return sum;
+}
+
+// Sum of the weights of the lit texels of a brick's slice. rows: its 64 bits; x, y: its first texel.
+float umbrage_weigh_slice(UmbrageSpan across, UmbrageSpan down, uvec2 rows, int x, int y)
+{
+    UmbrageWindow inner;
+    inner.x0 = across.inner_low;
+    inner.x1 = across.inner_high;
+    inner.y0 = y;
+    inner.y1 = y;
+    inner.z = 0u;
+    float sum = 0.0;
+    for (int row = 0; row < 8; row++) {
+        uint bits = (rows.x >> (uint(row & 3) << 3u)) & 255u;
+        if (row > 3) {
+            bits = (rows.y >> (uint(row & 3) << 3u)) & 255u;
+        }
+        uvec2 mask = umbrage_block_mask(inner, x >> 3u, y >> 3u);
+        float lit = float(umbrage_bits(bits & mask.x));
+        if (across.low < across.inner_low) {
+            if (across.low >= x && across.low < x + 8) {
+                lit += across.part * float((bits >> uint(across.low - x)) & 1u);
+            }
+            if (across.high >= x && across.high < x + 8) {
+                lit += across.part * float((bits >> uint(across.high - x)) & 1u);
+            }
+        }
+        sum += lit * umbrage_span_weight(down, y + row, y + row);
+    }
+    return sum;
+}
+
+// Lit share of a box at one depth: x; y: 1 if it met a missing cube.
+vec2 umbrage_box_share(UmbrageTree tree, UmbrageSpan across, UmbrageSpan down, int depth)
+{
+    int size = 1 << tree.size_log2;
+    uint z = uint(depth);
+    if (depth >= size) {
+        z = uint(size - 1);
+    }
+    float lit = 0.0;
+    float missing = 0.0;
+    for (int by = down.low >> 3u; by <= (down.high >> 3u); by++) {
+        int y = by * 8;
+        float rows = umbrage_span_weight(down, y, y + 7);
+        int x = (across.low >> 3u) * 8;
+        while (x <= across.high) {
+            int next = x + 8;
+            if (x < 0 || y < 0 || x >= size || y >= size) {
+                lit += rows * umbrage_span_weight(across, x, x + 7);
+            } else {
+                UmbrageCube cube = umbrage_grid_cube(tree, uint(x), uint(y), z);
+                cube = umbrage_descend(tree, cube, 3u, uint(x), uint(y), z);
+                next = (x | ((1 << cube.level) - 1)) + 1;
+                if (umbrage_is_mixed(cube.link)) {
+                    uvec4 slice = umbrage_slice(tree, cube, x >> 3u, by, z);
+                    lit += umbrage_weigh_slice(across, down, uvec2(slice.x, slice.y), x, y);
+                } else if (cube.link == 1u) {
+                    lit += rows * umbrage_span_weight(across, x, next - 1);
+                } else if (cube.link != 0u) {
+                    missing = 1.0;
+                }
+            }
+            x = next;
+        }
+    }
+    float width = umbrage_span_weight(across, across.low, across.high);
+    return vec2(lit / (width * umbrage_span_weight(down, down.low, down.high)), missing);
+}
+
+// Width in texels of the box for a gap of depth between a place and its blockers.
+float umbrage_penumbra_width(float reach, float gap, int taps)
+{
+    float width = 1.77245385 * reach * gap;
+    if (width > 2047.0) {
+        width = 2047.0;
+    }
+    if (width < float(taps)) {
+        width = float(taps);
+    }
+    return width;
+}
+
+// Slope of a surface: x, y: voxels of depth that it gains a texel. normal 0, 0, 0: 1.
+vec2 umbrage_slope(UmbragePlacement at, vec3 normal)
+{
+    float depth = abs(umbrage_dot(normal, at.step_z));
+    if (at.info.z != 1) {
+        return vec2(0.0, 0.0);
+    }
+    if (depth == 0.0) {
+        return vec2(1.0, 1.0);
+    }
+    return vec2(abs(umbrage_dot(normal, at.step_x)) / depth, abs(umbrage_dot(normal, at.step_y)) / depth);
+}
+
+// Share of light at a place: x if all missing cubes are shadowed, y if all are lit. extent: angular diameter, radians.
+vec2 umbrage_penumbra_at(UmbragePlacement at, UmbrageLook place, vec2 slope, int taps, float extent)
+{
+    uint frustum = uint(at.info.y);
+    UmbrageTree tree = umbrage_tree(frustum);
+    UmbrageDepths depths = umbrage_depths(frustum);
+    if (place.voxel.z < 0) {
+        return vec2(1.0, 1.0);
+    }
+    float grows = tan(extent * 0.5) * sqrt(umbrage_dot(vec3(at.step_z.x, at.step_z.y, at.step_z.z), at.step_z));
+    UmbrageSearch search;
+    search.place = place;
+    search.reach_x = grows / sqrt(umbrage_dot(vec3(at.step_x.x, at.step_x.y, at.step_x.z), at.step_x));
+    search.reach_y = grows / sqrt(umbrage_dot(vec3(at.step_y.x, at.step_y.y, at.step_y.z), at.step_y));
+    search.gaps = 0.0;
+    search.cover = 0.0;
+    search.guess = 0xffffffffu;
+    search.missing = false;
+    if (depths.kind != 0u) {
+        search = umbrage_search(tree, depths, search);
+    }
+    float gap = 0.0;
+    float lift = 0.0;
+    if (search.cover > 0.0) {
+        gap = search.gaps / search.cover;
+    }
+    float width = umbrage_penumbra_width(search.reach_x, gap, taps);
+    float height = umbrage_penumbra_width(search.reach_y, gap, taps);
+    if (gap > 0.0) {
+        lift = 0.5 * (slope.x * (width + 2.0 - float(taps)) + slope.y * (height + 2.0 - float(taps)));
+    }
+    if (lift > 0.5 * gap) {
+        lift = 0.5 * gap;
+    }
+    int depth = place.voxel.z + int(floor(place.part.z - lift));
+    if (depth < 0) {
+        return vec2(1.0, 1.0);
+    }
+    vec2 share = umbrage_box_share(tree, umbrage_span(place.voxel.x, width), umbrage_span(place.voxel.y, height), depth);
+    if (search.missing || share.y > 0.0) {
+        return vec2(0.0, 1.0);
+    }
+    return vec2(share.x, share.x);
+}
+
+// --- footprints ----------------------------------------------------------------------------------------------------------
+
+// A unit vector along the surface whose unit normal is given.
+vec3 umbrage_across(vec3 normal)
+{
+    vec3 axis = vec3(1.0, 0.0, 0.0);
+    float least = normal.x;
+    if (abs(normal.y) < abs(least)) {
+        axis = vec3(0.0, 1.0, 0.0);
+        least = normal.y;
+    }
+    if (abs(normal.z) < abs(least)) {
+        axis = vec3(0.0, 0.0, 1.0);
+        least = normal.z;
+    }
+    vec3 along = vec3(axis.x - least * normal.x, axis.y - least * normal.y, axis.z - least * normal.z);
+    float scale = 1.0 / sqrt(umbrage_dot3(along, along));
+    return vec3(along.x * scale, along.y * scale, along.z * scale);
+}
+
+// Mean of 32 look-ups over a square of the surface, `side` metres wide.
+vec2 umbrage_square(UmbragePlacement at, vec3 position, vec3 normal, float side)
+{
+    vec3 along = umbrage_bias_along(at, normal);
+    vec4 bias = umbrage_bias_of(at, normal, 1.0, 1.0);
+    float scale = 1.0 / sqrt(umbrage_dot3(along, along));
+    vec3 up = vec3(along.x * scale, along.y * scale, along.z * scale);
+    vec3 a = umbrage_across(up);
+    vec3 b = vec3(up.y * a.z - up.z * a.y, up.z * a.x - up.x * a.z, up.x * a.y - up.y * a.x);
+    float lift = 0.0;
+    if (at.info.z == 1) {
+        lift = 0.5 * side;
+    }
+    uint low = 0u;
+    uint high = 0u;
+    for (uint k = 0u; k < 32u; k++) {
+        float u = ((float(k) + 0.5) * 0.03125 - 0.5) * side;
+        float v = ((float((k * 25u) & 31u) + 0.5) * 0.03125 - 0.5) * side;
+        vec3 move_by = vec3(along.x * bias.w + u * a.x + v * b.x - lift * at.light.x,
+                            along.y * bias.w + u * a.y + v * b.y - lift * at.light.y,
+                            along.z * bias.w + u * a.z + v * b.z - lift * at.light.z);
+        UmbrageLook look = umbrage_seek(at, position, move_by, vec4(bias.x, 0.0, 0.0, 0.0));
+        uvec2 lit = uvec2(1u, 1u);
+        if (look.state == 0) {
+            lit = umbrage_count_box(uint(at.info.y), look.voxel, 1);
+        }
+        low += lit.x;
+        high += lit.y;
+    }
+    return vec2(float(low) * 0.03125, float(high) * 0.03125);
+}
+
 // --- answers -------------------------------------------------------------------------------------------------------------
 // Share of light at a position, 0 to 1: x if all missing cubes are shadowed, y if all are lit. normal: 0, 0, 0: none.
 
@@ -783,6 +1381,44 @@ vec2 umbrage_coarse(UmbragePlacement at, vec3 position, vec3 normal, uint level)
     }
     uvec2 count = umbrage_count_cell(uint(at.info.y), ivec3(place.x, place.y, place.z), level);
     return vec2(float(count.x) * 0.5, float(count.y) * 0.5);
+}
+
+// Mean over a square of the surface, `side` metres wide, that a pixel sees: `taps` texels or wider.
+vec2 umbrage_footprint(UmbragePlacement at, vec3 position, vec3 normal, int taps, float side)
+{
+    float texel = sqrt(umbrage_dot(vec3(at.step_x.x, at.step_x.y, at.step_x.z), at.step_x));
+    texel += sqrt(umbrage_dot(vec3(at.step_y.x, at.step_y.y, at.step_y.z), at.step_y));
+    float level = 0.5 * texel * float(taps);
+    if (!(side > level) || umbrage_dot(normal, at.light) > 0.0) {
+        return umbrage_box(at, position, normal, taps);
+    }
+    float least = level;
+    for (int i = 0; i < 39 && level + level <= side; i++) {
+        level += level;
+    }
+    vec2 above = umbrage_square(at, position, normal, level + level);
+    vec2 below = above;
+    if (level > least) {
+        below = umbrage_square(at, position, normal, level);
+    } else {
+        below = umbrage_box(at, position, normal, taps);
+    }
+    float weight = (side - level) / level;
+    if (weight > 1.0) {
+        weight = 1.0;
+    }
+    return vec2(below.x + weight * (above.x - below.x), below.y + weight * (above.y - below.y));
+}
+
+// The penumbra of a sun with an angular diameter of `extent` radians, `taps` texels or wider. Of a partial asset 0, 1 where
+// the search or the box meets a missing cube.
+vec2 umbrage_penumbra(UmbragePlacement at, vec3 position, vec3 normal, int taps, float extent)
+{
+    UmbrageLook place = umbrage_look_steps(at, position, normal, float(taps), 1.0);
+    if (place.state != 0) {
+        return vec2(float(2 - place.state), float(2 - place.state));
+    }
+    return umbrage_penumbra_at(at, place, umbrage_slope(at, normal), taps, extent);
 }
 
 // Under a lamp of `count` faces, 1 to 6.

@@ -272,4 +272,13 @@ UMB_CHECKED enum umb_status umb__call_run(struct umb_client *client, struct umb_
 enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error *detail,
                                  struct umb_error *error);
 
+/* A stream of messages that its caller may end: the first member of a watch's state. */
+struct umb__watch {
+    struct umb_error error; /* Error of a malformed message; its status is UMB_OK otherwise */
+    bool stopped;           /* The caller's function asked to stop */
+};
+
+/* The finish function of a watch's umb__ending. In: context: a struct that begins with umb__watch. */
+enum umb_status umb__watch_finish(void *context, enum umb_status status, struct umb_error *error);
+
 #endif

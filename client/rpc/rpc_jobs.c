@@ -31,33 +31,21 @@ static enum umb_status encode_job(const char *job, struct umbw_buffer *body,
 /* --- Watch --- */
 
 struct watch {
+    struct umb__watch watch;
     umb_job_status_fn on_status;
     void *user;
-    struct umb_error error; /* Error of a malformed message; its status is UMB_OK otherwise */
-    int stopped;
 };
 
 static bool take_status(void *user, const uint8_t *message, size_t size)
 {
     struct watch *watch = user;
     struct umb_job_status status;
-    if (umbw_decode_job_status(message, size, &status, &watch->error) != UMB_OK) {
+    if (umbw_decode_job_status(message, size, &status, &watch->watch.error) != UMB_OK) {
         return false;
     }
-    watch->stopped = !watch->on_status(watch->user, &status);
+    watch->watch.stopped = !watch->on_status(watch->user, &status);
     drop_texts(&status);
-    return !watch->stopped;
-}
-
-static enum umb_status finish_watch(void *context, enum umb_status status, struct umb_error *error)
-{
-    struct watch *watch = context;
-    if (watch->stopped) {
-        return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
-    }
-    return status != UMB_OK && watch->error.status != UMB_OK
-               ? umb__reply_fault(watch->error.status, &watch->error, error)
-               : status;
+    return !watch->watch.stopped;
 }
 
 enum umb_status umb_client_watch(struct umb_client *client, const char *job,
@@ -66,7 +54,8 @@ enum umb_status umb_client_watch(struct umb_client *client, const char *job,
 {
     struct umbw_buffer body = {NULL, 0, 0};
     struct watch watch = {.on_status = on_status, .user = user};
-    const struct umb__ending ending = {&watch, sizeof watch, umb__decode_nothing, finish_watch};
+    const struct umb__ending ending = {&watch, sizeof watch, umb__decode_nothing,
+                                       umb__watch_finish};
     const struct umb__call_plan plan = {
         .path = UMBW_PATH_BAKES_WATCH, .timeout_ms = FOR_EVER_MS, .take = take_status};
     enum umb_status status = encode_job(job, &body, error);

@@ -26,6 +26,17 @@ enum umb_status umb__reply_fault(enum umb_status status, const struct umb_error 
                     detail->message);
 }
 
+enum umb_status umb__watch_finish(void *context, enum umb_status status, struct umb_error *error)
+{
+    const struct umb__watch *watch = context;
+    if (watch->stopped) {
+        return umb_fail(error, UMB_E_CANCELLED, "stopped watching");
+    }
+    return status != UMB_OK && watch->error.status != UMB_OK
+               ? umb__reply_fault(watch->error.status, &watch->error, error)
+               : status;
+}
+
 enum umb_status umb__decode_nothing(void *out, const uint8_t *message, size_t size,
                                     struct umb_error *error)
 {

@@ -33,6 +33,23 @@ const struct umbu_option UMBU_BAKE_SETTINGS[UMBU_BAKE_SETTING_COUNT] = {
     {UMBU_BAKE_VERIFY, COLLECTED},
 };
 
+enum umb_status umbu_scene_match(const char *asset, const uint8_t asset_hash[UMB_ID_BYTES],
+                                 const char *scene, const uint8_t scene_hash[UMB_ID_BYTES],
+                                 struct umb_error *error)
+{
+    char of_scene[UMB_ID_TEXT_SIZE], of_asset[UMB_ID_TEXT_SIZE];
+    if (memcmp(scene_hash, asset_hash, UMB_ID_BYTES) == 0) {
+        return UMB_OK;
+    }
+    umb_id_to_text(scene_hash, of_scene);
+    umb_id_to_text(asset_hash, of_asset);
+    return umb_fail(
+        error, UMB_E_BAD_SCENE,
+        "%.80s was not baked from %.80s: scene hash %.16s... in the asset, %.16s... of the "
+        "scene (--force goes on)",
+        asset, scene, of_asset, of_scene);
+}
+
 const struct umbu_option *umbu_bake_setting(const char *name)
 {
     for (size_t i = 0; i < UMBU_BAKE_SETTING_COUNT; i++) {

@@ -86,6 +86,11 @@ struct umbu_bake_settings {
 /* Rows that collect names and values into a struct umbu_bake_settings. */
 extern const struct umbu_option UMBU_BAKE_SETTINGS[UMBU_BAKE_SETTING_COUNT];
 
+/* Checks that an asset was baked from a scene, by the hashes of both. Fails: E_BAD_SCENE. */
+UMB_CHECKED enum umb_status
+umbu_scene_match(const char *asset, const uint8_t asset_hash[UMB_ID_BYTES], const char *scene,
+                 const uint8_t scene_hash[UMB_ID_BYTES], struct umb_error *error);
+
 /* The row of a name, or NULL: no job may have it. */
 const struct umbu_option *umbu_bake_setting(const char *name);
 

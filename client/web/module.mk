@@ -28,7 +28,11 @@ $(WEB_DIR)/obj/%.o: %.c | $(WEB_DIR)/tools $(WEB_DIR)/include/xxhash.h $(WEB_DIR
 	@mkdir -p $(@D)
 	$(call say,WASM,$<)
 	$(Q)$(WEB_CC) $(WEB_FLAGS) -c $< -o $@
-$(patsubst %,$(WEB_DIR)/obj/client/core/query/kernel_%.o,base simd128): WEB_FLAGS += -O3 -funroll-loops
+# Kernels are compiled for speed. Code that runs once for a page, a view or a query is compiled for size.
+$(WEB_DIR)/obj/client/core/query/kernel_simd128.o: WEB_FLAGS += -O3 -funroll-loops
+WEB_SMALL := $(foreach part,base curve format partial,$(filter client/core/$(part)/%,$(WEB_CORE))) client/web/module/web_module.c \
+	$(patsubst %,client/core/query/%.c,explain filter gpu_placement lamp_penumbra penumbra query settings volume)
+$(WEB_SMALL:%.c=$(WEB_DIR)/obj/%.o): WEB_FLAGS += -Os
 $(WEB_DIR)/libcore.a: $(WEB_CORE_OBJ)
 	@rm -f $@
 	$(Q)llvm-ar rcsD $@ $^

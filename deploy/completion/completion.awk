@@ -13,9 +13,12 @@ function add_name(name) {
     }
 }
 
+# Adds an option, or says which files stand in a command's place.
 function add_option(name, option) {
     add_name(name)
-    if (index(" " words[name] " ", " " option " ") == 0) {
+    if (option !~ /^--/) {
+        places[name] = files_of(option)
+    } else if (index(" " words[name] " ", " " option " ") == 0) {
         words[name] = words[name] (words[name] == "" ? "" : " ") option
         options[name] = options[name] $0 "\n"
     }
@@ -29,7 +32,7 @@ $5 == "command" || $5 == "program" {
     if ($5 == "program") started[$1 " " $2] = $6
     next
 }
-$2 ~ /^--/ { rows[++row_count] = $0 }
+$2 != "" { rows[++row_count] = $0 }
 
 # Options of a command's name: its own rows, and those of the program that it starts.
 END {
@@ -62,7 +65,19 @@ function values_of(fields) {
         sub(/^ /, "", fields[6])
         return fields[6]
     }
-    return fields[4] ~ /FILE|DIR|SCENE|PART/ ? "file" : ""
+    return fields[4] ~ /^SCENE$/ ? files_of(fields[4]) : fields[4] ~ /FILE|DIR|SCENE|PART/ ? "file" : ""
+}
+
+# Returns "file" and the endings of the files that an argument names, or "" for no file.
+function files_of(argument) {
+    return argument ~ /SCENE/ ? "file glb gltf obj ply stl" : argument ~ /FILE/ ? "file umb umbm" : ""
+}
+
+# Returns the endings with something between them.
+function endings_of(values, between) {
+    sub(/^file ?/, "", values)
+    gsub(/ /, between, values)
+    return values
 }
 
 function quoted(text) {
@@ -83,6 +98,7 @@ function print_bash(    i, k, n, lines, fields, letter) {
             letter = fields[3] != "" ? " | " quoted(names[i] " " fields[3]) : ""
             printf "    %s%s) echo %s ;;\n", quoted(names[i] " " fields[2]), letter, quoted("=" values_of(fields))
         }
+        if (places[names[i]] != "") printf "    %s) echo %s ;;\n", quoted(names[i] " @"), quoted("=" places[names[i]])
     }
     print "    esac"
     print "}"
@@ -91,6 +107,14 @@ function print_bash(    i, k, n, lines, fields, letter) {
     for (i = 1; i <= count; i++)
         if (commands[names[i]] != "") printf "    %s) echo %s ;;\n", names[i], quoted(commands[names[i]])
     print "    esac"
+    print "}"
+    print "_umbrage_files() { # WORD, endings: folders, and files with one of the endings, or all"
+    print "    local word=$1 ending"
+    print "    shift"
+    print "    compopt -o filenames 2>/dev/null"
+    print "    [[ $# -eq 0 ]] && compgen -f -- \"$word\" && return"
+    print "    compgen -d -- \"$word\""
+    print "    for ending; do compgen -f -X \"!*.$ending\" -- \"$word\"; done"
     print "}"
     print "_umbrage() {"
     print "    local program=${COMP_WORDS[0]##*/} word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}"
@@ -101,18 +125,20 @@ function print_bash(    i, k, n, lines, fields, letter) {
     print "    if [[ $before == '=' ]]; then before=${COMP_WORDS[COMP_CWORD-2]}; fi"
     print "    values=$(_umbrage_words \"$command $before\")"
     print "    COMPREPLY=()"
-    print "    if [[ $values == '=file' ]]; then"
+    print "    if [[ -z $values && $word != -* && ! ($COMP_CWORD -eq 1 && -n $commands) ]]; then"
+    print "        values=$(_umbrage_words \"$command @\")"
+    print "    fi"
+    print "    if [[ $values == '=file'* ]]; then"
     print "        compopt -o filenames 2>/dev/null"
-    print "        mapfile -t COMPREPLY < <(compgen -f -- \"$word\")"
+    print "        mapfile -t COMPREPLY < <(_umbrage_files \"$word\" ${values#=file})"
     print "    elif [[ $values == =* ]]; then"
     print "        mapfile -t COMPREPLY < <(compgen -W \"${values#=}\" -- \"$word\")"
     print "    elif [[ $word == -* ]]; then"
     print "        mapfile -t COMPREPLY < <(compgen -W \"$(_umbrage_words \"$command\")\" -- \"$word\")"
     print "    elif [[ $COMP_CWORD -eq 1 && -n $commands ]]; then"
-    print "        mapfile -t COMPREPLY < <(compgen -W \"$commands\" -- \"$word\"; compgen -f -- \"$word\")"
-    print "    else"
-    print "        compopt -o filenames 2>/dev/null"
-    print "        mapfile -t COMPREPLY < <(compgen -f -- \"$word\")"
+    print "        values=$(_umbrage_words \"$command @\")"
+    print "        mapfile -t COMPREPLY < <(compgen -W \"$commands\" -- \"$word\""
+    print "            [[ $values == '=file'* ]] && _umbrage_files \"$word\" ${values#=file})"
     print "    fi"
     print "}"
     print "complete -F _umbrage umbrage umbraged umbrage-bake umbrage-study"
@@ -127,12 +153,16 @@ function zsh_text(text) {
     return text
 }
 
+function zsh_files(values) {
+    return values == "file" ? "_files" : "_files -g \"*.(" endings_of(values, "|") ")\""
+}
+
 function zsh_spec(line,    fields, action, spec) {
     split(line, fields, "\t")
     spec = fields[2] "[" zsh_text(fields[9]) "]"
     if (fields[4] != "" || fields[6] != "") {
         action = values_of(fields)
-        action = action == "file" ? "_files" : action != "" ? "(" action ")" : " "
+        action = action ~ /^file/ ? zsh_files(action) : action != "" ? "(" action ")" : " "
         spec = fields[2] "=[" zsh_text(fields[9]) "]:" zsh_text(fields[4] != "" ? fields[4] : "value") ":" action
     }
     return quoted("*" spec)
@@ -160,7 +190,7 @@ function print_zsh(    i, k, n, lines, list) {
         if (n < 2) continue
         printf "%s) _arguments", quoted(names[i])
         for (k = 1; k < n; k++) printf " %s", zsh_spec(lines[k])
-        print " '*:file:_files' ;;"
+        print (places[names[i]] != "" ? " " quoted("*:file:" zsh_files(places[names[i]])) : "") " ;;"
     }
     print "esac"
 }
@@ -191,6 +221,9 @@ function print_fish(    i, k, n, lines, fields, parts, list, condition, values) 
         n = split(commands[names[i]], list, " ")
         for (k = 1; k <= n; k++)
             printf "complete -c %s -n %s -a %s -d %s\n", parts[1], quoted(fish_condition(names[i])), list[k], fish_text(summary[names[i] " " list[k]])
+        n = split(endings_of(places[names[i]], " "), list, " ")
+        for (k = 1; k <= n; k++)
+            printf "complete -c %s -n %s -f -k -a %s\n", parts[1], quoted(condition == "" ? "true" : condition), quoted("(__fish_complete_suffix ." list[k] ")")
         n = split(options[names[i]], lines, "\n")
         for (k = 1; k < n; k++) {
             split(lines[k], fields, "\t")
@@ -200,8 +233,8 @@ function print_fish(    i, k, n, lines, fields, parts, list, condition, values) 
             if (fields[3] != "") printf " -s %s", substr(fields[3], 2)
             if (fields[4] != "" || fields[6] != "") {
                 values = values_of(fields)
-                printf "%s", (values == "file" ? " -r" : " -x")
-                if (values != "file" && values != "") printf " -a %s", quoted(values)
+                printf "%s", (values ~ /^file/ ? " -r -F" : " -x")
+                if (values !~ /^file/ && values != "") printf " -a %s", quoted(values)
             }
             printf " -d %s\n", fish_text(fields[9])
         }

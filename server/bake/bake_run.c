@@ -568,16 +568,25 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     return UMB_OK;
 }
 
-/* Saves the imported scene as a file. */
+/* Saves the imported scene as a file; with --plan only tells what it is. */
 static enum umb_status save_scene(struct run *run, struct umb_error *error)
 {
+    char id[UMB_ID_TEXT_SIZE];
+    uint8_t hash[UMB_ID_BYTES];
     umbb_interrupt_defer(); /* so that a signal also removes its temporary */
-    UMB__TRY(umbs_scene_save(run->scene, run->options->output, error));
-    if (run->options->json) {
-        char id[UMB_ID_TEXT_SIZE];
-        uint8_t hash[UMB_ID_BYTES];
-        umbs_scene_hash(&run->scene->view, hash);
-        umb_id_to_text(hash, id);
+    if (!run->options->plan) {
+        UMB__TRY(umbs_scene_save(run->scene, run->options->output, error));
+    }
+    if (!run->options->json && !run->options->plan) {
+        return UMB_OK;
+    }
+    umbs_scene_hash(&run->scene->view, hash);
+    umb_id_to_text(hash, id);
+    if (!run->options->json) {
+        printf("scene=%s triangles=%llu lights=%u\n", id,
+               (unsigned long long)run->scene->view.world_triangle_count,
+               run->scene->view.light_count);
+    } else {
         struct umbu_json json = {.file = stdout};
         umbu_json_begin(&json, NULL, '{');
         umbu_json_text(&json, "scene", id);

@@ -7,6 +7,7 @@
 #include "base/try.h"
 #include "study/frame_casters.h"
 #include "study/study_math.h"
+#include "tool/bake_settings.h"
 #include "tool/output.h"
 #include "tool/threads.h"
 
@@ -87,17 +88,9 @@ int umbt_is_z_up(const struct umbt_common *common)
 enum umb_status umbt_common_match(const struct umbt_common *common, const char *asset,
                                   const uint8_t asset_hash[UMB_ID_BYTES], struct umb_error *error)
 {
-    if (common->force || memcmp(common->scene.hash, asset_hash, UMB_ID_BYTES) == 0) {
-        return UMB_OK;
-    }
-    char of_scene[UMB_ID_TEXT_SIZE], of_asset[UMB_ID_TEXT_SIZE];
-    umb_id_to_text(common->scene.hash, of_scene);
-    umb_id_to_text(asset_hash, of_asset);
-    return umb_fail(
-        error, UMB_E_BAD_SCENE,
-        "%.80s was not baked from %.80s: scene hash %.16s... in the asset, %.16s... of the "
-        "scene (--force goes on)",
-        asset, common->scene_path, of_asset, of_scene);
+    return common->force
+               ? UMB_OK
+               : umbu_scene_match(asset, asset_hash, common->scene_path, common->scene.hash, error);
 }
 
 int umbt_scene_sun(const struct umbt_scene *scene, int z_up, double to_light[3])

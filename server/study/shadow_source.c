@@ -73,8 +73,9 @@ static enum umb_status daemon_light(struct umbt_shadow_source *source, struct um
     enum umb_status status = UMB_OK;
     UMB__TRY(umb_client_describe(source->client, source->name, &description, NULL, error));
     if (source->settings.light >= description->light_count) {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
-                          source->settings.light, source->name, description->light_count);
+        status = umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, the lights of %s are 0 to %u",
+                          source->settings.light, source->name,
+                          description->light_count - (description->light_count > 0));
     } else {
         memcpy(source->info.id, description->asset.id, sizeof source->info.id);
         memcpy(source->info.scene_hash, description->scene_hash, sizeof source->info.scene_hash);

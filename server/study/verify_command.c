@@ -104,8 +104,8 @@ static enum umb_status inputs_open(struct verify *verify, struct umb_error *erro
     verify->light_count = verify->info.light_count;
     if (verify->light != UINT64_MAX) {
         if (verify->light >= verify->info.light_count) {
-            return umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, but %s has %u lights",
-                            (unsigned)verify->light, verify->file, verify->info.light_count);
+            return umb_fail(error, UMB_E_NOT_FOUND, "--light: %u, the lights of %s are 0 to %u",
+                            (unsigned)verify->light, verify->file, verify->info.light_count - 1);
         }
         verify->first_light = (uint32_t)verify->light;
         verify->light_count = 1;

@@ -44,6 +44,10 @@ $(BUILD)/tests/fuzz/%.o: tests/fuzz/%.c
 	$(call say,CC,$<)
 	$(Q)$(CC) $(CFLAGS_ALL) $(INC_FUZZ) -c $< -o $@
 
+# They walk through the array for a GPU as shaders do.
+$(BUILD)/tests/fuzz/fuzz_asset.o $(BUILD)/tests/fuzz/fuzz_partial.o: $(GPU_DIR)/umbrage.cuh
+$(BUILD)/tests/fuzz/fuzz_asset.o $(BUILD)/tests/fuzz/fuzz_partial.o: INC_FUZZ += -I$(GPU_DIR)
+
 define fuzz_target
 $(BUILD)/tests/fuzz/replay_$(1): $(BUILD)/tests/fuzz/$(1).o $(BUILD)/tests/fuzz/fuzz_replay.o $$(HARNESS_OBJ) $(or $(FUZZ_LIBS_$(1)),$(FUZZ_LIBS))
 	$$(call say,LD,$$@)

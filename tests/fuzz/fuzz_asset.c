@@ -12,7 +12,7 @@
 
 #include "base/bytes.h"
 #include "format/layout.h"
-#include "fuzz.h"
+#include "fuzz_gpu.h"
 #include "fuzz_pages.h"
 #include "make_asset.h"
 #include "umbrage/query.h"
@@ -67,6 +67,7 @@ static void query_everywhere(const struct umb_asset *asset)
         umb_query_run(&query, &batch, 0, 8, &answers);
         umb_query_explain(&query, &batch, 8, &explanation);
     }
+    fuzz_gpu(asset, NULL);
 }
 
 /* Checks that each light's sample points lie in a voxel that queries read, or that a note explains

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Hostile pages of partial assets: the target adds them, queries, wants views and saves. The first
- * byte picks:
+ * Hostile pages of partial assets: the target adds them, queries, wants views, writes the array for
+ * a GPU and saves. The first byte picks:
  *   even  a partial file as it is, but for its checksum, which is made right
  *   odd   the second byte is the order of coming; then a file of raw pages (fuzz_pages.h)
  */
+#include "fuzz_gpu.h"
 #include "fuzz_pages.h"
 #include "umbrage/partial.h"
 #include "umbrage/query.h"
@@ -45,6 +46,7 @@ static void query_everywhere(struct umb_partial *partial)
             }
         }
     }
+    fuzz_gpu(umb_partial_lower(partial), partial);
 }
 
 static enum umb_status drop_bytes(void *user, const void *bytes, size_t count)

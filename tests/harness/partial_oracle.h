@@ -207,8 +207,8 @@ static inline enum umb_status oracle_want(struct oracle *p, const struct umb_par
     }
     const struct umb__content *content = &p->part->canonical.content;
     if (view->light != UINT32_MAX && view->light >= content->light_count) {
-        return umb_fail(error, UMB_E_ARGUMENT, "light: %u, the asset has %u", view->light,
-                        content->light_count);
+        return umb_fail(error, UMB_E_ARGUMENT, UMB__NO_LIGHT, view->light,
+                        content->light_count - 1);
     }
     UMB__TRY(umb__sight_init(&sight, view, error));
     for (size_t level = UMB_LEVEL_BRICK + 1; level < UMB__LEVELS; level++) {

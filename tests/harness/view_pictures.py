@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
 Pictures of the viewer by headless Chromium, for docs/pictures: an overview with an explained point, a phone in the dark,
-the overlay while pages arrive, and the split picture.
+the overlay while pages arrive, the split picture, leaves that are cut-outs, and a hall with a lamp.
 
-    view_pictures.py CITY.umb CITY.glb HALL.umb HALL.glb FOLDER
+    view_pictures.py CITY.umb CITY.glb HALL.umb HALL.glb GARDEN.umb GARDEN.glb FOLDER [PICTURE...]
 """
 import os
 import shutil
@@ -17,10 +17,12 @@ import view_server
 WAIT_S = 580
 # Name, which asset, width, height, a phone, dark, the view, what happens before the picture.
 PICTURES = [
-    ("view.png", 0, 1280, 720, False, False, "#eye=-130,80,-110&target=5,5,5&fov=40", "explained"),
+    ("view.png", 0, 1400, 788, False, False, "#eye=-130,80,-110&target=5,5,5&fov=40", "explained"),
     ("view-split.png", 0, 976, 480, False, False, "#eye=-60,45,-60&target=10,5,10&fov=40&beside=cascades", "exact"),
     ("view-exact.png", 0, 900, 480, False, False, "#eye=60,75,90&target=20,5,40&fov=40&overlay=bound&move=walk", "turned"),
     ("view-phone.png", 1, 390, 760, True, True, "#eye=-20,6,3&target=0,2,0&move=walk", "exact"),
+    ("view-hall.png", 1, 976, 548, False, False, "#eye=-15,4.5,9&target=0,1.5,0&fov=55", "exact"),
+    ("view-garden.png", 2, 1200, 675, False, False, "#eye=14,5,-11&target=0,2.5,0&fov=45", "exact"),
 ]
 
 
@@ -43,8 +45,8 @@ def take(chromium, address, picture, folder):
 
 
 def main():
-    assets, folder = (sys.argv[1:3], sys.argv[3:5]), sys.argv[5]
-    for picture in PICTURES:
+    assets, folder, chosen = (sys.argv[1:3], sys.argv[3:5], sys.argv[5:7]), sys.argv[7], sys.argv[8:]
+    for picture in [each for each in PICTURES if not chosen or each[0] in chosen]:
         asset, scene = assets[picture[1]]
         view, profile = view_server.View(asset, "--scene", scene), tempfile.mkdtemp()
         try:

@@ -20,7 +20,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
 
     def do_GET(self):
-        _, folder, name = (self.path.split("/") + ["", ""])[:3]
+        _, folder, name = (self.path.split("?")[0].split("/") + ["", ""])[:3]
         folders = self.server.folders
         path = os.path.join(folders.get(folder, ""), os.path.basename(name))
         if folder not in folders or not os.path.isfile(path):

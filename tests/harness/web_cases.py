@@ -172,10 +172,10 @@ def check_servers(test):
     without = link.RangeServer(test.folder, serves_ranges=False)
     place = f"http://127.0.0.1:{liar.server_address[1]}"
     wanted = {f"{place}/404/city.umb": ["E_NOT_FOUND", "status 404"],
-              f"{place}/long/city.umb": ["E_PROTOCOL", "sends more than the 32768 bytes"],
+              f"{place}/long/city.umb": ["E_PROTOCOL", "sends more than the 16384 bytes"],
               f"{place}/place/city.umb": ["E_PROTOCOL", "sends byte 1, asked for 0"],
               f"{place}/cut/small.umb": ["E_TRUNCATED", ""],
-              f"http://127.0.0.1:{without.port}/city.umb": ["E_UNSUPPORTED", "knows no ranges"],
+              f"http://127.0.0.1:{without.port}/city.umb": ["E_UNSUPPORTED", "knows no byte ranges (status 200"],
               "http://127.0.0.1:1/city.umb": ["E_UNAVAILABLE", "http://127.0.0.1:1/city.umb: "],
               test.path("no.umb"): ["E_NO_INPUT", "no.umb"]}
     code = """
@@ -189,5 +189,22 @@ def check_servers(test):
     with test.check("servers that answer otherwise than asked are named"):
         subprocess.run(["node", "--no-warnings", "--input-type=module", "-e", code, os.path.join(PACKAGE, "index.js"),
                         json.dumps(wanted)], check=True, timeout=60)
+    with test.check("a server without byte ranges gives the whole file, up to whole_bytes, with the same answers"):
+        size = os.path.getsize(test.path("city.umb"))
+        done = subprocess.run(["node", "--no-warnings", "--input-type=module", "-e", """
+            const [, index, address, path, size] = process.argv, { open } = await import(index);
+            const points = Float32Array.from({ length: 3000 }, (_, i) => ((i * 7919) % 1000) / 10 - 50), told = [];
+            for (const where of [address, path]) {
+              const asset = await open(where, { whole_bytes: Number(size) });
+              await asset.want({});
+              told.push(JSON.stringify(Array.from((await asset.query(points, { taps: 5 })).values)));
+              told.push(asset.held().received_bytes);
+            }
+            const small = await open(address, { whole_bytes: Number(size) - 1 }).catch((error) => error);
+            console.log(JSON.stringify([told[0] === told[2], told[1], small.code, small.message]));
+            """, os.path.join(PACKAGE, "index.js"), f"http://127.0.0.1:{without.port}/city.umb", test.path("city.umb"),
+                               str(size)], check=True, timeout=60, stdout=subprocess.PIPE)
+        same, received, code, message = json.loads(done.stdout)
+        assert same and received == size and code == "E_UNSUPPORTED" and f"has {size} bytes" in message, done.stdout
     without.close()
     liar.shutdown()

@@ -258,7 +258,7 @@ with test.check("explain tells the answer that query gives"):
 with test.check("bake makes the asset that the command makes, and tells its progress"):
     told = []
     report = umbrage.bake(scene, test.path("own.umb"), program=ut.program("umbrage-bake"), progress=told.append,
-                          resolution=1024, closed="off", sun=["135,45", "200,30"], verify=0)
+                          resolution=1024, closed="off", sun=[(135, 45.0), "200,30"], verify=0)
     assert report["asset"] == city.id and report["plan"]
     assert [one.phase for one in told if not one.total][:3] == ["import", "analysis", "bake"]
 
@@ -267,7 +267,7 @@ with test.check("a job is submitted, watched, fetched; the asset answers"):
         job = there.submit(scene, {"resolution": 512, "sun": "100,50", "verify": 0})
         told = list(there.watch(job))
         assert told[-1].state == "done" and told[-1].is_over, told[-1]
-        assert there.submit(scene, {"resolution": 512, "sun": "100,50", "verify": 0}) == job
+        assert there.submit(scene, {"resolution": 512, "sun": (100, 50), "verify": 0}) == job
         assert any(one.job == job for one in there.jobs())
         there.fetch(told[-1].asset, test.path("fetched.umb"))
         with umbrage.open(test.path("fetched.umb")) as fetched:

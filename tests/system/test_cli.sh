@@ -326,6 +326,7 @@ for words in "--taps 2" "--taps 19" "--taps x" "--format f16" "--encoding f16" "
 done
 try 2 umbrage query city.umb
 try 66 umbrage query city.umb --points points --light 3
+same "the message has the lights that are there" "umbrage: --light: 3, the asset's lights are 0 to 0" "$(cat err)"
 try 0 umbrage query city.umb --points /dev/null --quiet
 check "no points, no answers" test ! -s out
 "$BUILD/umbrage" query city.umb --points bytes --format f32 --quiet >/dev/full 2>err

@@ -197,6 +197,18 @@ if shutil.which("bash"):
         assert complete("umbrage info a_f", "umbrage query --points a_f",
                         "umbrage query -o a_f") == [{"a_file.umb"}] * 3
 
+    with test.check("bash offers folders and the files that a command reads"):
+        for name in ("b_asset.umb", "b_mapped.umbm", "b_scene.glb", "b_scene.obj", "b_notes.txt"):
+            open(name, "w", encoding="utf-8").close()
+        os.mkdir("b_folder")
+        assets, scenes = {"b_asset.umb", "b_mapped.umbm", "b_folder"}, {"b_scene.glb", "b_scene.obj", "b_folder"}
+        for command in ("query", "info", "verify", "view", "stream", "derive", "query x.umb --json"):
+            assert complete(f"umbrage {command} b_") == [assets], command
+        assert complete("umbrage render b_", "umbrage-bake b_", "umbrage bake b_", "umbrage view x.umb --scene b_",
+                        "umbrage-study verify x.umb --scene b_") == [scenes] * 5
+        assert complete("umbrage watch b_", "umbrage load b_", "umbraged b_") == [set()] * 3
+        assert complete("umbrage query --points b_") == [assets | scenes | {"b_notes.txt"}]
+
 else:
     ut.left_out("completions of bash", "bash is not installed")
 

@@ -42,6 +42,18 @@ for file in city.png street.part load.html answers.u8 store/city.umb study/repor
     check "the tour makes $file" test -s $file
 done
 
+# The lines of C are those of docs/examples/query.c, which answers as the command does.
+awk '/```c$/{ inside = 1; next } /^```/{ inside = 0 } inside' "$root/README.md" >"$folder/told.c"
+awk '/snippet ends/{ inside = 0 } inside { sub(/^    /, ""); print } /snippet begins/{ inside = 1 }' \
+    "$root/docs/examples/query.c" | cmp -s - "$folder/told.c"
+same "README shows the lines of docs/examples/query.c" 0 $?
+${CC:-cc} -std=c99 -Wall -Wextra -Werror -I"$root/client/include" "$root/docs/examples/query.c" -L"$BUILD" \
+    -Wl,-rpath,"$BUILD" -l:libumbrage-core.so.1 -o "$folder/query" 2>"$folder/err"
+same "the C program compiles" 0 $?
+printf '10 2 10 0 1 0\n-40 0.5 12 0 1 0\n15 0.5 -20 0 1 0\n' >"$folder/points"
+"$BUILD/umbrage" query store/city.umb --points - --taps 9 --quiet <"$folder/points" >"$folder/wanted"
+same "it gets the answers of the command line" "$(cat "$folder/wanted")" "$("$folder/query" store/city.umb <"$folder/points")"
+
 section python | smaller >tour.py
 if ! /usr/bin/python3 -c 'import numpy, cffi' 2>/dev/null; then
     left_out "the tour in Python" "python3-numpy or python3-cffi is not installed"

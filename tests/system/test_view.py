@@ -216,6 +216,13 @@ with test.check("an asset of a daemon and of a web server is passed on, and prov
         other.close()
     web.close()
     bare.close()
+    plain = link.RangeServer(store, serves_ranges=False)
+    place = f"http://127.0.0.1:{plain.port}/city.umb"
+    done = ut.subprocess.run([program, "view", place, "--export", test.path("no-ranges")], check=False,
+                             stderr=ut.subprocess.PIPE)
+    assert done.returncode == 69 and f"'{place}': the server does not serve ranges (200".encode() in done.stderr, done
+    assert not os.path.exists(test.path("no-ranges"))
+    plain.close()
 
 with test.check("--export writes the files that would be served, and replaces nothing"):
     out = test.path("site")
@@ -228,6 +235,37 @@ with test.check("--export writes the files that would be served, and replaces no
         assert file.read() == whole
     done = ut.subprocess.run([program, "view", *words], check=False, stderr=ut.subprocess.PIPE)
     assert done.returncode == 73 and b"is not empty" in done.stderr, done
+
+with test.check("the scene's up axis is the asset's, unless --up says otherwise"):
+    test.bake(test.scene("city", 3), test.path("z.umb"), "--resolution", 256, "--up", "z", "--verify", 0)
+    for words, up in (((), "z"), (("--up", "y"), "y")):
+        other = view_server.View(test.path("z.umb"), *words, program=program)
+        assert json.loads(ask("/config.json", host="Host: localhost\r\n", server=other)[2])["up"] == up, words
+        other.close()
+
+with test.check("another scene than the asset's is refused as umbrage verify refuses it, and --force goes on"):
+    shutil.copy(ut.program("umbrage-bake"), test.path("bin"))
+    other_scene = test.path("scene", "wall.obj")
+    done = ut.subprocess.run([program, "view", asset_file, "--scene", other_scene], check=False, stderr=ut.subprocess.PIPE)
+    verify = ut.subprocess.run([ut.program("umbrage"), "verify", asset_file, "--scene", other_scene], check=False,
+                               stderr=ut.subprocess.PIPE)
+    said = [one.stderr.decode().partition(": ")[2] for one in (done, verify)]
+    assert done.returncode == verify.returncode == 65 and said[0] == said[1] and "--force goes on" in said[0], (done, verify)
+    for words in ((other_scene, "--force"), (test.scene("city", 6),)):
+        other = view_server.View(asset_file, "--scene", *words, program=program)
+        assert "notice" not in other.close(), words
+    os.remove(test.path("bin", "umbrage-bake"))
+    other = view_server.View(asset_file, "--scene", other_scene, program=program)
+    assert "the scene was not compared with the asset: umbrage-bake is not beside" in other.close()
+
+with test.check("a port that is taken is told before the asset is read"):
+    with socket.socket() as taken_port:
+        taken_port.bind(("127.0.0.1", 0))
+        taken_port.listen()
+        number = taken_port.getsockname()[1]
+        done = ut.subprocess.run([program, "view", test.path("no.umb"), "--port", str(number)], check=False,
+                                 stderr=ut.subprocess.PIPE)
+        assert done.returncode == 69 and f"127.0.0.1:{number}: Address already in use".encode() in done.stderr, done
 
 with test.check("mistakes are named"):
     for name, text in (("page.obj", "mtllib page.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"),

@@ -36,8 +36,8 @@ server = link.RangeServer(test.folder)
 suite(cases.some(), f"http://127.0.0.1:{server.port}")
 web_cases.check_example(test, cases)
 web_cases.check_servers(test)
-with test.check("the module is at most 150 KB compressed, and the package at most 425 KB"):
+with test.check("the module is at most 150 KB compressed, and the package at most 400 KB"):
     sizes = web_cases.sizes()
     print(sizes)
-    assert sizes["module_gzip"] <= 150_000 and sizes["package"] <= 425_000, sizes
+    assert sizes["module_gzip"] <= 150_000 and sizes["package"] <= 400_000, sizes
 test.finish()

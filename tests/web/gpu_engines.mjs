@@ -4,11 +4,13 @@
 //     engine.apply(changes)          entries of the asset
 //     engine.points(points, count)   six floats each
 //     engine.voxels(voxels)          four ints each: voxel, and 1 if the point faces away
-//     await engine.run({ filter, taps, level, alike }, placement)   Uint32Array: counts low and high of each point
+//     await engine.run({ filter, taps, level, alike, width }, placement)   Uint32Array: counts low and high of each point;
+//                                    of penumbras and footprints, which have a width, the bits of floats, and only for
+//                                    each `every`-th group of 64 points
 import * as gpu from "/package/gpu.js";
 
 const WIDTH = 1280;
-const FILTERS = { box: 0, tent: 1, coarse: 2 };
+const FILTERS = { box: 0, tent: 1, coarse: 2, penumbra: 3, footprint: 4 };
 
 // The same shader in both languages. alike: 1 = answers at the given voxel instead of the shader's
 // own.
@@ -21,6 +23,8 @@ uniform highp sampler2D normals;
 uniform highp isampler2D voxels;
 uniform UmbragePlacement at[2];
 uniform ivec4 ask; // filter, taps, level, alike
+uniform float width;
+uniform int every;
 out uvec4 result;
 
 void main()
@@ -30,6 +34,16 @@ void main()
     vec3 normal = texelFetch(normals, texel, 0).xyz;
     vec3 position = texelFetch(positions, texel, 0).xyz;
     place.w *= 2;
+    if (ask.x > 2 && (texel.x + texel.y * ${WIDTH}) / 64 % every != 0) {
+        result = uvec4(0u);
+        return;
+    }
+    if (ask.x > 2) {
+        vec2 share = ask.x == 3 ? umbrage_penumbra(at[1], position, normal, ask.y, width)
+                                : umbrage_footprint(at[1], position, normal, ask.y, width);
+        result = uvec4(floatBitsToUint(share), 0u, 0u);
+        return;
+    }
     if (ask.w == 0) {
         float steps = ask.x == 2 ? float(2 << ask.z) : 1.0;
         place = umbrage_place_steps(at[1], position, normal, float(ask.y), steps);
@@ -52,7 +66,7 @@ const WGSL = `${gpu.wgslAt(1, 3)}
 struct Ask {
     at: UmbragePlacement,
     filtering: vec4i, // filter, taps, level, alike
-    points: vec4u,    // number
+    points: vec4u,    // number, bits of the width, every
 }
 @group(0) @binding(0) var<uniform> ask: Ask;
 @group(0) @binding(1) var<storage, read> points: array<f32>;
@@ -62,14 +76,25 @@ struct Ask {
 @compute @workgroup_size(64) fn main(@builtin(global_invocation_id) id: vec3u)
 {
     let i = id.x;
-    if (i >= ask.points.x) {
+    if (i >= ask.points.x || (ask.filtering.x > 2 && i / 64 % ask.points.z != 0)) {
         return;
     }
     var place = voxels[i];
     place.w *= 2;
+    let position = vec3f(points[6 * i], points[6 * i + 1], points[6 * i + 2]);
+    let normal = vec3f(points[6 * i + 3], points[6 * i + 4], points[6 * i + 5]);
+    if (ask.filtering.x > 2) {
+        let width = bitcast<f32>(ask.points.y);
+        var share = vec2f(0.0, 0.0);
+        if (ask.filtering.x == 3) {
+            share = umbrage_penumbra(ask.at, position, normal, ask.filtering.y, width);
+        } else {
+            share = umbrage_footprint(ask.at, position, normal, ask.filtering.y, width);
+        }
+        result[i] = bitcast<vec2u>(share);
+        return;
+    }
     if (ask.filtering.w == 0) {
-        let position = vec3f(points[6 * i], points[6 * i + 1], points[6 * i + 2]);
-        let normal = vec3f(points[6 * i + 3], points[6 * i + 4], points[6 * i + 5]);
         let steps = select(1.0, f32(2u << u32(ask.filtering.z)), ask.filtering.x == 2);
         place = umbrage_place_steps(ask.at, position, normal, f32(ask.filtering.y), steps);
     }
@@ -155,7 +180,7 @@ export class WebGL {
     this.#put("voxels", 3, gl.RGBA32I, gl.RGBA_INTEGER, gl.INT, words);
   }
 
-  async run({ filter, taps, level, alike }, placement) {
+  async run({ filter, taps, level, alike, width = 0, every = 1 }, placement) {
     const gl = this.#gl;
     if (!this.frame) {
       gl.activeTexture(gl.TEXTURE4);
@@ -171,6 +196,8 @@ export class WebGL {
     gl.uniform1i(gl.getUniformLocation(this.program, "umbrage_data"), 0);
     gpu.setPlacement(gl, this.program, "at[1]", placement);
     gl.uniform4i(gl.getUniformLocation(this.program, "ask"), FILTERS[filter], taps, level, alike ? 1 : 0);
+    gl.uniform1f(gl.getUniformLocation(this.program, "width"), width);
+    gl.uniform1i(gl.getUniformLocation(this.program, "every"), every);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     const all = new Uint32Array(4 * WIDTH * this.#rows), counts = new Uint32Array(2 * this.#count);
     gl.readPixels(0, 0, WIDTH, this.#rows, gl.RGBA_INTEGER, gl.UNSIGNED_INT, all);
@@ -232,10 +259,12 @@ export class WebGPU {
     this.voxel_buffer = this.#buffer(voxels, GPUBufferUsage.STORAGE);
   }
 
-  async run({ filter, taps, level, alike }, placement) {
+  async run({ filter, taps, level, alike, width = 0, every = 1 }, placement) {
     const { device, pipeline, count } = this, words = new Int32Array(56);
     words.set(new Int32Array(placement.bytes));
     words.set([FILTERS[filter], taps, level, alike ? 1 : 0, count], 48);
+    new Float32Array(words.buffer)[53] = width;
+    words[54] = every;
     const ask = this.#buffer(words, GPUBufferUsage.UNIFORM);
     const group = (number, buffers) => device.createBindGroup({ layout: pipeline.getBindGroupLayout(number),
       entries: buffers.map(([binding, buffer]) => ({ binding, resource: { buffer } })) });

@@ -234,8 +234,8 @@ static enum umb_status find_rows(struct job *job, struct umb_error *error)
 {
     const struct umb__content *content = &job->asset->canonical.content;
     if (job->light >= content->light_count) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", job->light,
-                        content->light_count);
+        return umb_fail(error, UMB_E_NOT_FOUND, UMB__NO_LIGHT, job->light,
+                        content->light_count - 1);
     }
     if (umb_asset_get_curve(job->asset, job->light, job->rows, &job->count) != UMB_OK) {
         return umb_fail(error, UMB_E_UNSUPPORTED,

@@ -179,8 +179,8 @@ enum umb_status umb_dial_choose(const struct umb_asset *asset, const struct umb_
     struct choice choice = {.dial = dial, .calibration = calibration};
     UMB__TRY(check_dial(dial, settings, error));
     if (settings->light >= asset->canonical.content.light_count) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
-                        asset->canonical.content.light_count);
+        return umb_fail(error, UMB_E_NOT_FOUND, UMB__NO_LIGHT, settings->light,
+                        asset->canonical.content.light_count - 1);
     }
     (void)umb_asset_get_curve(asset, settings->light, choice.rows, &choice.count);
     if (choice.count == 0 || (dial->budget_ns > 0 && !calibration)) {

@@ -246,8 +246,8 @@ enum umb_status umb__curve_measure(const struct umb__content *content,
     if (!tops || !settings || !frusta) {
         status = umb_fail(error, UMB_E_NO_MEMORY, "accuracy curve: out of memory");
     } else if (light >= content->light_count) {
-        status = umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
-                          content->light_count);
+        status = umb_fail(error, UMB_E_NOT_FOUND, UMB__NO_LIGHT, light,
+                          content->light_count - 1);
     } else {
         memcpy(frusta, content->frusta, content->frustum_count * sizeof *frusta);
         umb__content_derive(&bare.canonical.content); /* As every reader of the file does */

@@ -22,6 +22,9 @@ struct umb__curve_record {
     uint64_t squares;     /* Sum of squared differences, in units of 1 / 2^20, each rounded down */
 };
 
+/* Error message for a light that is not there. Arguments: the light, and the asset's last one. */
+#define UMB__NO_LIGHT "light: %u, the asset's lights are 0 to %u"
+
 #define UMB__CURVE_POINTS_MAX (1U << 20) /* Points of one row */
 #define UMB__CURVE_SQUARE     (1U << 20) /* Units of `squares` for a difference of 1 */
 

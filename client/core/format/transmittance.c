@@ -244,26 +244,37 @@ static uint64_t below(unsigned bit)
     return ((uint64_t)1 << bit) - 1;
 }
 
+/* Block (bx, by) of 8 x 8 texels, or NULL where no column of it loses light. */
+static const struct umb__transmittance_group *block_at(const struct umb__trans *trans,
+                                                       const struct umb__transmittance_map *map,
+                                                       uint32_t bx, uint32_t by)
+{
+    const uint32_t across = map->level - UMB__TRANSMITTANCE_LEVEL_MIN;
+    const struct umb__transmittance_group *square =
+        &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
+    const unsigned bit = (bx & 7) + 8 * (by & 7);
+    if (!(square->mask >> bit & 1)) {
+        return NULL;
+    }
+    return &trans
+                ->blocks[square->first + (uint32_t)__builtin_popcountll(square->mask & below(bit))];
+}
+
 uint64_t umb__transmittance_lost(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *w)
 {
-    const uint32_t shift = n - map->level, across = map->level - UMB__TRANSMITTANCE_LEVEL_MIN;
+    const uint32_t shift = n - map->level;
     const uint32_t x0 = w->x0 >> shift, x1 = w->x1 >> shift;
     const uint32_t y0 = w->y0 >> shift, y1 = w->y1 >> shift;
     uint64_t sum = 0;
     for (uint32_t by = y0 / 8; by <= y1 / 8; by++) {
         const uint32_t rows = bits_in_block(y0, y1, by);
         for (uint32_t bx = x0 / 8; bx <= x1 / 8; bx++) {
-            const struct umb__transmittance_group *square =
-                &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
-            const unsigned bit = (bx & 7) + 8 * (by & 7);
-            if (!(square->mask >> bit & 1)) {
+            const struct umb__transmittance_group *block = block_at(trans, map, bx, by);
+            if (block == NULL) {
                 continue;
             }
-            const struct umb__transmittance_group *block =
-                &trans->blocks[square->first +
-                               (uint32_t)__builtin_popcountll(square->mask & below(bit))];
             const uint64_t columns = bits_in_block(x0, x1, bx) * UINT64_C(0x0101010101010101);
             for (uint64_t rest = block->mask & columns; rest; rest &= rest - 1) {
                 const unsigned texel = (unsigned)__builtin_ctzll(rest);
@@ -286,7 +297,7 @@ bool umb__transmittance_is_clear(const struct umb__trans *trans,
                                  const struct umb__transmittance_map *map, uint32_t n,
                                  const struct umb__transmittance_window *w)
 {
-    const uint32_t shift = n - map->level, across = map->level - UMB__TRANSMITTANCE_LEVEL_MIN;
+    const uint32_t shift = n - map->level;
     const uint32_t x0 = w->x0 >> shift, x1 = w->x1 >> shift;
     const uint32_t y0 = w->y0 >> shift, y1 = w->y1 >> shift;
     if ((x1 / 8 - x0 / 8 + 1) * (y1 / 8 - y0 / 8 + 1) > CLEAR_BLOCKS) {
@@ -299,15 +310,10 @@ bool umb__transmittance_is_clear(const struct umb__trans *trans,
             texels |= (rows >> row & 1 ? UINT64_C(0xff) : 0) << 8 * row;
         }
         for (uint32_t bx = x0 / 8; bx <= x1 / 8; bx++) {
-            const struct umb__transmittance_group *square =
-                &trans->squares[map->first_square + ((size_t)(by / 8) << across) + bx / 8];
-            const unsigned bit = (bx & 7) + 8 * (by & 7);
-            if (!(square->mask >> bit & 1)) {
+            const struct umb__transmittance_group *block = block_at(trans, map, bx, by);
+            if (block == NULL) {
                 continue;
             }
-            const struct umb__transmittance_group *block =
-                &trans->blocks[square->first +
-                               (uint32_t)__builtin_popcountll(square->mask & below(bit))];
             const uint64_t columns = bits_in_block(x0, x1, bx) * UINT64_C(0x0101010101010101);
             if (block->mask & columns & texels) {
                 return false;

@@ -203,8 +203,8 @@ static enum umb_status place_maps(const struct umb_asset *asset,
     umb_asset_get_info(asset, &info);
     if (umb_asset_get_light(asset, asked->light, &light) != UMB_OK ||
         umb_asset_get_frustum(asset, light.first_frustum, &frustum) != UMB_OK) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light %u; the asset has %u", asked->light,
-                        info.light_count);
+        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset's lights are 0 to %u",
+                        asked->light, info.light_count - 1);
     }
     if (light.kind != UMB_LIGHT_DIRECTIONAL) {
         return umb_fail(error, UMB_E_UNSUPPORTED, "light: %u is not directional", asked->light);

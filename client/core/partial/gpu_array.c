@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The array of umbrage/gpu.h: head, an entry for each frustum, grids, nodes, bricks. It is the
- * mapped layout as it stands (format/view.h), with grids padded to whole entries.
+ * The array of umbrage/gpu.h: head, two entries for each frustum, grids, nodes, bricks, the words
+ * of the occluder depth. It is the mapped layout as it stands (format/view.h), with grids padded to
+ * whole entries.
  *
  * The lower and the upper asset of a partial asset become one: a missing child, which is shadowed
  * in one and lit in the other, has a 1 in both masks of its node. No other child has. A missing
@@ -14,11 +15,18 @@
 #include "umbrage/gpu.h"
 
 #define HEAD_MAGIC    0x47424d55U /* "UMBG" */
-#define HEAD_VERSION  1U
+#define HEAD_VERSION  2U
 #define MISSING_CELL  UINT32_MAX
 #define ENTRIES_MOST  ((uint64_t)1 << 28)
 #define NODE_WORDS    2U /* 8-byte words of an entry of nodes */
 #define BRICK_ENTRIES 4U
+
+/* What a frustum's second entry says of first occluders. */
+enum depth_kind {
+    DEPTHS_UNKNOWN,   /* A closed bake without the effect */
+    DEPTHS_OF_VOXELS, /* Columns stay shadowed behind their first occluder */
+    DEPTHS_STORED,
+};
 
 _Static_assert(sizeof(struct umb_gpu_placement) == 192, "struct UmbragePlacement of the shaders");
 
@@ -31,6 +39,11 @@ static uint64_t grid_entries(const struct umb__top *top)
 static uint64_t node_entries(const struct umb__view *view)
 {
     return (view->node_words + NODE_WORDS - 1) / NODE_WORDS;
+}
+
+static uint64_t depth_entries(const struct umb__content *content)
+{
+    return (content->occluder_depth_words + 3) / 4;
 }
 
 /* Estimates the share of nodes, at about four entries each, in the entries for the whole asset's
@@ -52,20 +65,22 @@ enum umb_status umb_gpu_layout_make(const struct umb_asset *asset, uint32_t spar
     const uint32_t frusta = asset->canonical.content.frustum_count;
     const uint64_t nodes = node_entries(view), bricks = view->brick_count * BRICK_ENTRIES;
     const uint64_t both = nodes + bricks;
-    uint64_t tops = 1 + (uint64_t)frusta;
+    const uint64_t depths = depth_entries(&asset->canonical.content);
+    uint64_t tops = 1 + 2 * (uint64_t)frusta;
     for (uint32_t i = 0; i < frusta; i++) {
         tops += grid_entries(&view->tops[i]);
     }
     tops = (tops + 3) / 4 * 4;
     const uint64_t node_room = (nodes + (uint64_t)(node_share(asset) * spare) + 3) / 4 * 4;
     const uint64_t brick_room = (both + spare + 7) / 4 * 4 - node_room;
-    if (tops + node_room + brick_room > ENTRIES_MOST) {
+    const uint64_t entries = tops + node_room + brick_room + depths;
+    if (entries > ENTRIES_MOST) {
         return umb_fail(error, UMB_E_TOO_LARGE,
                         "asset: %llu entries of %d bytes for the GPU, must be at most %llu",
-                        (unsigned long long)(tops + both), UMB_GPU_ENTRY_BYTES,
+                        (unsigned long long)(tops + both + depths), UMB_GPU_ENTRY_BYTES,
                         (unsigned long long)ENTRIES_MOST);
     }
-    *layout = (struct umb_gpu_layout){.entries = (uint32_t)(tops + node_room + brick_room),
+    *layout = (struct umb_gpu_layout){.entries = (uint32_t)entries,
                                       .node_first = (uint32_t)tops,
                                       .node_room = (uint32_t)node_room,
                                       .brick_first = (uint32_t)(tops + node_room),
@@ -122,16 +137,35 @@ static void write_grid(const struct writing *w, const struct umb__top *top, uint
     }
 }
 
+/* Returns the entry of the first word of the occluder depth. */
+static uint64_t first_depth(const struct umb_gpu_layout *layout)
+{
+    return (uint64_t)layout->brick_first + layout->brick_room;
+}
+
+/* Writes what shaders read to find first occluders of a frustum. */
+static void write_depth_head(const struct writing *w, uint32_t frustum)
+{
+    const struct umb__content *content = w->content;
+    const bool stored = content->frusta[frustum].closed && content->occluder_depth != NULL;
+    const enum depth_kind kind = stored                            ? DEPTHS_STORED
+                                 : content->frusta[frustum].closed ? DEPTHS_UNKNOWN
+                                                                   : DEPTHS_OF_VOXELS;
+    put(w, 1 + (uint64_t)content->frustum_count + frustum, (uint32_t)first_depth(w->layout),
+        stored ? content->occluder_depth[frustum] : 0, kind, 0);
+}
+
 static void write_tops(const struct writing *w)
 {
     const uint32_t frusta = w->content->frustum_count;
-    uint64_t grid = 1 + (uint64_t)frusta;
+    uint64_t grid = 1 + 2 * (uint64_t)frusta;
     put(w, 0, HEAD_MAGIC, HEAD_VERSION, frusta, w->layout->entries);
     for (uint32_t i = 0; i < frusta; i++) {
         const struct umb__top *top = &w->lower->tops[i];
         const uint32_t n = w->content->frusta[i].log2_size, level = n - top->grid_log2;
         put(w, 1 + (uint64_t)i, n | level << 8, (uint32_t)grid, w->layout->node_first,
             w->layout->brick_first);
+        write_depth_head(w, i);
         write_grid(w, top, grid);
         grid += grid_entries(top);
     }
@@ -163,6 +197,18 @@ static void write_bricks(const struct writing *w)
     }
 }
 
+/* Writes the wanted words of the occluder depth, which all pages share. */
+static void write_depths(const struct writing *w)
+{
+    const uint64_t words = w->content->occluder_depth_words, begin = first_depth(w->layout);
+    const uint64_t end = begin + depth_entries(w->content);
+    for (uint64_t at = begin < w->first ? w->first : begin; at < end && at < w->end; at++) {
+        const uint64_t word = 4 * (at - begin), left = words - word;
+        memcpy(entry_at(w, at), w->content->occluder_depth + word,
+               (size_t)(4 * (left < 4 ? left : 4)));
+    }
+}
+
 void umb_gpu_write(const struct umb_asset *asset, const struct umb_partial *partial,
                    const struct umb_gpu_layout *layout, uint32_t first, uint32_t count,
                    uint32_t *entries)
@@ -180,4 +226,5 @@ void umb_gpu_write(const struct umb_asset *asset, const struct umb_partial *part
     }
     write_nodes(&w);
     write_bricks(&w);
+    write_depths(&w);
 }

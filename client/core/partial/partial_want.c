@@ -231,8 +231,8 @@ enum umb_status umb_partial_want(struct umb_partial *p, const struct umb_partial
     }
     const struct umb__content *content = &p->canonical.content;
     if (view->light != UINT32_MAX && view->light >= content->light_count) {
-        return umb_fail(error, UMB_E_ARGUMENT, "light: %u, the asset has %u", view->light,
-                        content->light_count);
+        return umb_fail(error, UMB_E_ARGUMENT, UMB__NO_LIGHT, view->light,
+                        content->light_count - 1);
     }
     UMB__TRY(umb__sight_init(&sight, view, error));
     forget_cubes(p);

@@ -145,8 +145,8 @@ enum umb_status umb__plan_make(const struct umb_asset *asset,
         return UMB_E_ARGUMENT;
     }
     if (settings->light >= content->light_count) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", settings->light,
-                        content->light_count);
+        return umb_fail(error, UMB_E_NOT_FOUND, UMB__NO_LIGHT, settings->light,
+                        content->light_count - 1);
     }
     for (size_t i = 0; i < umb__setting_count; i++) {
         UMB__TRY(check_setting(settings, &umb__settings[i], error));

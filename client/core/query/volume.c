@@ -38,8 +38,8 @@ enum umb_status umb_volume_prepare(const struct umb_asset *asset, uint32_t light
     const struct umb__content *content = &asset->canonical.content;
     memset(volume, 0, sizeof *volume);
     if (light >= content->light_count) {
-        return umb_fail(error, UMB_E_NOT_FOUND, "light: %u, the asset has %u", light,
-                        content->light_count);
+        return umb_fail(error, UMB_E_NOT_FOUND, UMB__NO_LIGHT, light,
+                        content->light_count - 1);
     }
     if (content->receiver_mask_cells != NULL) {
         return umb_fail(error, UMB_E_UNSUPPORTED,

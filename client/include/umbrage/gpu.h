@@ -24,11 +24,11 @@
  *     }
  *     // ... copy `placement` to a uniform buffer
  *
- * The array has entries of four 32-bit words: a head, an entry for each frustum, the grids, the
- * wide nodes and the bricks. For a partial asset (umbrage/partial.h) umb_gpu_changes lists the
- * entries that new pages changed, so a new page costs only its own bytes. Nodes and bricks keep
- * their places. A new layout, and a copy of the whole array, is needed only if they outgrow their
- * room.
+ * The array has entries of four 32-bit words: a head, two entries for each frustum, the grids, the
+ * wide nodes, the bricks and the occluder depth. For a partial asset (umbrage/partial.h)
+ * umb_gpu_changes lists the entries that new pages changed, so a new page costs only its own bytes.
+ * Nodes and bricks keep their places. A new layout, and a copy of the whole array, is needed only
+ * if they outgrow their room.
  *
  * Threads: functions of one asset or partial asset, one at a time.
  * Stability: experimental: may change in a minor version.

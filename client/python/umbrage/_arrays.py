@@ -13,6 +13,7 @@ from ._library import core, ffi
 
 FLOAT = np.dtype("float32")
 DOUBLE = np.dtype("float64")
+POINTS = ffi.typeof("struct umb_points *")
 FORMATS = {FLOAT: core.UMB_POINT_F32, DOUBLE: core.UMB_POINT_F64}
 
 
@@ -21,7 +22,9 @@ def as_array(value: Any, name: str, last: Optional[int], dtypes: Any = (FLOAT, D
     `value` itself if it is an array of floats of one of the dtypes, contiguous, with a last axis of `last` (None: no
     such axis); a list of numbers as float64 (or the only dtype). Raises TypeError or ValueError.
     """
-    if not isinstance(value, np.ndarray):
+    if value.__class__ is np.ndarray and value.dtype in dtypes:
+        pass
+    elif not isinstance(value, np.ndarray):
         try:
             found = np.asarray(value)
         except (TypeError, ValueError):
@@ -108,10 +111,10 @@ def c_points(points: Any, origin: Any, normals: Any, footprints: Any) -> tuple[A
     Returns a struct umb_points of checked arrays, and the buffers that must stay alive as long as
     the struct is used.
     """
-    out = ffi.new("struct umb_points *")
-    keep = [ffi.from_buffer(points)]
-    out.positions = keep[0]
-    if points.dtype == DOUBLE:
+    out, positions = ffi.new(POINTS), ffi.from_buffer(points)
+    keep = [positions]
+    out.positions = positions
+    if points.dtype is not FLOAT and points.dtype == DOUBLE:
         out.format = core.UMB_POINT_F64
     out.count = points.size // 3
     if origin is not None:

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import threading
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Callable, Iterator, Mapping, Optional
 
 from ._library import OWN, path_text
@@ -43,12 +44,24 @@ class Progress:
     unit: str = ""
 
 
+def _is_numbers(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) > 1 and all(
+        isinstance(one, Real) and not isinstance(one, bool) for one in value)
+
+
+def _text_of(value: Any) -> str:
+    return ",".join(map(str, value)) if _is_numbers(value) else str(value)
+
+
 def pairs_of(options: Mapping[str, Any]) -> Iterator[tuple[str, Optional[str]]]:
-    """Names and values of options: True is an option without a value, False and None are left out, a list repeats."""
+    """
+    Names and values of options: True is an option without a value, False and None are left out. Several numbers are one
+    value, as sun=(135, 40); any other list repeats the option.
+    """
     for name, value in options.items():
-        for one in value if isinstance(value, (list, tuple)) else (value,):
+        for one in value if isinstance(value, (list, tuple)) and not _is_numbers(value) else (value,):
             if one is not False and one is not None:
-                yield str(name).rstrip("_").replace("_", "-"), None if one is True else str(one)
+                yield str(name).rstrip("_").replace("_", "-"), None if one is True else _text_of(one)
 
 
 def words_of(options: Mapping[str, Any]) -> list[str]:
@@ -78,7 +91,8 @@ def bake(scene: Any, output: Any, *, progress: Optional[Callable[[Progress], Any
     """
     Bakes a scene file into an asset file, and returns umbrage-bake's report as a dict.
 
-    options   umbrage-bake's: bake("city.glb", "city.umb", sun=["135,45", "200,30"], resolution=16384, closed="off")
+    options   umbrage-bake's: bake("city.glb", "city.umb", sun=(135, 45), resolution=16384, closed="off"); a list gives an option
+              several times: sun=[(135, 45), (200, 30)]
     progress  called with Progress on a thread of its own; an exception in it ends the bake
     program   path of umbrage-bake; None: the one that the wheel carries, else the first on PATH
 

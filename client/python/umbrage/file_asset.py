@@ -20,6 +20,7 @@ from .info import read_info
 from .maps import Camera, Derived, derive
 from .views import Triple
 
+ANSWERS = ffi.typeof("struct umb_answers *")
 KEPT = 64             # prepared queries
 SAMPLE = 200_000      # points of a batch on which a budget is measured, at most
 SLICED = 4096         # items of a volume query between two looks at Ctrl-C
@@ -95,10 +96,13 @@ class FileAsset(Asset):
 
     def _answer(self, settings: Any, dial: Dial, shape: tuple[int, ...], batch: Any, keep: Any, values: Any,
                 stats: bool, threads: int) -> Optional[Result]:
-        held = self._open()
+        held = self._handle or self._open()
         if dial is not NO_DIAL:
             settings = self._choose(held, settings, dial, batch)
-        query = self._query_of(held, settings)
+        try:
+            query = self._prepared[settings]
+        except (KeyError, TypeError):
+            query = self._query_of(held, settings)
         total = _run(query, batch, (held, keep), values, threads)
         if not stats:
             return None
@@ -184,7 +188,7 @@ def _run(query: Any, batch: Any, keep: Any, values: Any, threads: int) -> Any:
     data = ffi.from_buffer(values) if values.size else ffi.new("char[1]")
     if number <= SLICE:
         _check_points(batch)
-        answers = ffi.new("struct umb_answers *")
+        answers = ffi.new(ANSWERS)
         answers.values = data
         core.umb_query_run(query, batch, 0, number, answers)
         return answers.stats
@@ -193,7 +197,7 @@ def _run(query: Any, batch: Any, keep: Any, values: Any, threads: int) -> Any:
     def one(first: int, n: int, _keep: Any = keep) -> None:
         if core.umb_points_check(slice_of(batch, first, n), ffi.NULL) != lib.OK:
             _check_points(batch)  # all of them, for the number of the bad one
-        answers = ffi.new("struct umb_answers *")
+        answers = ffi.new(ANSWERS)
         answers.values = data
         core.umb_query_run(query, batch, first, n, answers)
         with lock:

@@ -169,7 +169,9 @@ export class Asset {
   }
 
   held() {
-    return { ...heldOf(this.#opened(), this.#counts), module_bytes: this.#module.memoryBytes };
+    const counts = { ...this.#counts }; // A source may have received more than it was asked for
+    counts.received_bytes = this.#source?.received_bytes ?? counts.received_bytes;
+    return { ...heldOf(this.#opened(), counts), module_bytes: this.#module.memoryBytes };
   }
 
   /** Returns the entries for a GPU that changed since the last call: see gpu.js. */

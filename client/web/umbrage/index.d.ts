@@ -34,6 +34,11 @@ export interface OpenOptions {
    * browsers ask for cacheable ranges of one address one after the other.
    */
   apart?: boolean;
+  /**
+   * Most bytes of a file that is taken whole from a server without byte ranges, which must tell its length; 0, the default,
+   * refuses such servers.
+   */
+  whole_bytes?: number;
   signal?: AbortSignal;
   /** The module or its address, where a bundler moves files; by default umbrage.wasm beside the package's files. */
   wasm?: WebAssembly.Module | string | URL;

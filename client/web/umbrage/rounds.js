@@ -2,7 +2,7 @@
 // Rounds of fetching, as in client/rpc/region.c: list what matters most, read it, lay it out.
 import { UmbrageError } from "./errors.js";
 
-const FIRST_BYTES = 32 << 10;
+const FIRST_BYTES = 16 << 10; // As in C: the coarse pages of most assets
 const ROUND_BYTES_MIN = 512 << 10;
 const BLOCK_BYTES = 4096; // Most bytes of a directory block
 const ITEMS_MAX = 4096;

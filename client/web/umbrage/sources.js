@@ -32,11 +32,19 @@ class HttpSource {
   #url;
   #headers;
   #apart;
+  #whole_bytes;
+  #whole = null; // The file, from a server without ranges
 
-  constructor(url, headers, apart) {
+  constructor(url, headers, apart, whole_bytes) {
     this.#url = url;
     this.#headers = headers;
     this.#apart = apart;
+    this.#whole_bytes = whole_bytes;
+  }
+
+  /** Bytes of the whole file, if that is what came. */
+  get received_bytes() {
+    return this.#whole?.length;
   }
 
   /** Address of a range. Browsers with a cache ask for ranges of one address one after the other. */
@@ -50,6 +58,9 @@ class HttpSource {
   }
 
   async read(offset, length, signal) {
+    if (this.#whole) {
+      return this.#whole.subarray(offset, offset + length);
+    }
     const ours = new AbortController();
     const stop = () => ours.abort(signal.reason);
     let timer, stalled = false;
@@ -87,11 +98,13 @@ class HttpSource {
       headers: { ...this.#headers, Range: `bytes=${offset}-${offset + length - 1}` },
       signal: ours.signal,
     });
+    if (response.ok && response.status !== 206) {
+      this.#whole = await this.#takeWhole(response, ours, alive);
+      return this.#whole.subarray(offset, offset + length);
+    }
     if (response.status !== 206) {
       ours.abort();
-      throw response.ok
-        ? new UmbrageError("E_UNSUPPORTED", `${this.#url}: the server knows no ranges`)
-        : new UmbrageError(CODES[response.status] ?? "E_UNAVAILABLE", `${this.#url}: status ${response.status}`);
+      throw new UmbrageError(CODES[response.status] ?? "E_UNAVAILABLE", `${this.#url}: status ${response.status}`);
     }
     // Servers of another origin show this header only if they say so.
     const place = /^bytes (\d+)-/.exec(response.headers.get("Content-Range") ?? "");
@@ -100,6 +113,18 @@ class HttpSource {
       throw new UmbrageError("E_PROTOCOL", `${this.#url}: sends byte ${place[1]}, asked for ${offset}`);
     }
     return collect(response, length, alive);
+  }
+
+  /** Takes the whole file from a server that answers a range with it. */
+  async #takeWhole(response, ours, alive) {
+    const most = this.#whole_bytes, size = Number(response.headers.get("Content-Length") || Infinity);
+    if (!(size <= most)) {
+      ours.abort();
+      throw new UmbrageError("E_UNSUPPORTED", `${this.#url}: the server knows no byte ranges (status ${response.status} ` +
+        `to a request of one), and the file has ${size < Infinity ? size : "an unknown number of"} bytes; whole_bytes ` +
+        `allows ${most}`);
+    }
+    return collect(response, size, alive);
   }
 }
 
@@ -164,14 +189,15 @@ class FileSource {
 }
 
 /** The source of what `open` was given. */
-export async function sourceOf(where, { headers, apart = false } = {}) {
+export async function sourceOf(where, { headers, apart = false, whole_bytes = 0 } = {}) {
   const in_node = typeof process === "object" && Boolean(process.versions?.node);
   const address = where instanceof URL ? where.href : where;
   if (typeof address === "string") {
     if (in_node && (!ADDRESS.test(address) || address.startsWith("file:"))) {
       return FileSource.make(ADDRESS.test(address) ? new URL(address) : address);
     }
-    return new HttpSource(address, headers, apart);
+    require(Number.isSafeInteger(whole_bytes) && whole_bytes >= 0, `whole_bytes: ${whole_bytes}, must be a number of bytes`);
+    return new HttpSource(address, headers, apart, whole_bytes);
   }
   if (typeof Blob === "function" && where instanceof Blob) {
     return new BlobSource(where);

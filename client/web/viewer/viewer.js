@@ -12,6 +12,7 @@ import { loadScene } from "./scene.js";
 const COUNT_SIDE = 128; // Points a side that the share of exact ones is counted on
 const SEEN_SIDE = 512; // Pixels of the picture whose points are fetched first
 const SLOW_MS = 250; // Pictures that take longer are drawn only when all pages of the view are there
+const WHOLE_BYTES = 64 << 20; // Larger assets need a web server with byte ranges
 const REST_MS = 150; // After this time without a move the pages of the view are fetched
 const SPLIT_PX = 32; // Width of the thumb that is the border of the split picture
 const LEGENDS = {
@@ -53,7 +54,8 @@ class Viewer {
   async start() {
     const config = await (await fetch("config.json")).json(), up = config.up === "z" ? 2 : 1;
     document.title = byId("name").textContent = config.name;
-    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id, apart: true });
+    this.#asset = await umbrage.open(new URL(config.asset, location).href, { id: config.id, apart: true,
+      whole_bytes: WHOLE_BYTES });
     this.#root = await loadScene(config, this.#asset.info, up);
     const context = this.#canvas.getContext("webgl2", { antialias: true, powerPreference: "high-performance" });
     if (!context) {

@@ -169,12 +169,13 @@ const struct umbu_command umbb_command = {
              "       umbrage-bake SCENE --plan [options]\n"
              "       umbrage-bake tile SCENE -o DIR [options]\n"
              "       umbrage-bake merge SCENE --from DIR -o OUT.umb [options]\n"
-             "       umbrage-bake import SCENE -o FILE [options]\n"
+             "       umbrage-bake import SCENE (-o FILE | --plan) [options]\n"
              "       umbrage-bake doctor [--json | --quiet] [--forbid FILE]...",
     .summary = "Bakes the shadows of a scene. --plan prints what would be baked and why, and\n"
                "writes nothing; tile bakes tiles and leaves their results in a folder; merge\n"
                "makes the asset of such tiles; import reads a scene once, for many bakes and\n"
-               "tiles of it; doctor checks this machine and the sandboxes of importer and bake.",
+               "tiles of it, or with --plan prints the hash by which assets name it; doctor\n"
+               "checks this machine and the sandboxes of importer and bake.",
     .notes = "The output appears only when it is complete and has passed the comparison. An\n"
              "interrupt (SIGINT, SIGTERM, SIGQUIT) leaves the old file as it was and ends with\n"
              "75.\n"
@@ -210,8 +211,6 @@ static enum umb_status check_task(const struct umbb_options *o, struct umb_error
         {(!bakes || o->cache != NULL) && o->depth == UMBB_DEPTH_EMBREE,
          "--depth: 'embree' cannot tell which triangles reach a tile, so its tiles cannot be kept; "
          "give auto, raster or plain"},
-        {o->task == UMBB_TASK_IMPORT && o->plan,
-         "--plan: umbrage-bake import only reads the scene"},
     };
     if (o->task == UMBB_TASK_IMPORT && o->scene_buffer) {
         return umb_fail(error, UMB_E_ARGUMENT, "--scene-buffer: '%.64s' is imported already",

@@ -2,7 +2,7 @@
 /*
  * Regions.Watch: tells a client the version of an asset, at once and after each change. The asset
  * is looked up again each second, as a query would find it: rights, owners and damaged files count
- * as they stand then. A look-up takes no lock and reads no file.
+ * as they stand then. A look-up reads no file.
  */
 #include "daemon/call/call.h"
 #include "daemon/service/services.h"

@@ -426,6 +426,8 @@ static void test_refusals(void **state)
     (void)state;
     partial_fixture_open(&f, 0);
     expect_refused(f.whole, &(struct umb_gpu_view){.light = 9}, UMB_E_NOT_FOUND, "light: 9");
+    expect_refused(f.whole, &(struct umb_gpu_view){.face = 1}, UMB_E_ARGUMENT,
+                   "face: 1, the light has 1");
     expect_refused(f.whole, &(struct umb_gpu_view){.origin = {0, NAN, 0}}, UMB_E_ARGUMENT,
                    "origin[1]");
     expect_refused(f.whole, &(struct umb_gpu_view){.origin = {1e12, 0, 0}}, UMB_E_ARGUMENT,
