@@ -183,8 +183,8 @@ static bool read_node(const uint8_t *at, const uint32_t *counts, const struct um
     return true;
 }
 
-/* Reads a page with its cuts and bytes. Returns 0 if it cannot be; -1 if its node is removed. In and
- * out: cut_at, stored_at: of the page, then of the next. */
+/* Reads a page with its cuts and bytes. Returns 0 if it cannot be; -1 if its node is removed.
+ * In and out: cut_at, stored_at: of the page, then of the next. */
 static int read_page(const uint8_t *at, const uint8_t *end, const uint8_t **cut_at,
                      const uint8_t *cut_end, const uint8_t **stored_at, const uint32_t *counts,
                      const struct umb__octree_map *map, struct umb__node_ref *cuts,

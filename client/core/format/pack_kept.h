@@ -54,8 +54,8 @@ void umb__pack_kept_write(const struct umb__pack_cuts *cuts, const struct umb__k
  * Reads what was kept.
  *
  * In:    bytes: borrowed by `kept`. counts: numbers of nodes of the octree that was packed then.
- *        map: from its numbers to those of the new octree, or NULL: they are the same. Removed nodes
- *        are left out.
+ *        map: from its numbers to those of the new octree, or NULL: they are the same. Removed
+ *        nodes are left out.
  * Out:   kept: finish it also after a failure.
  * Fails: E_CORRUPT, E_NO_MEMORY.
  * Trust: reads no byte outside, and every number is that of a node. Sums and pages are trusted.

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See base_octree.h. A base is one file of the cache, so it is written, checked, counted and removed
- * as a tile's result is. */
+/* See base_octree.h. A base is one file of the cache, so it is written, checked, counted and
+ * removed as a tile's result is. */
 #include "bake/tiles/base_octree.h"
 
 #include <stdlib.h>

@@ -2,9 +2,9 @@
 #ifndef UMBRAGE_SERVER_BAKE_TILES_BASE_OCTREE_H
 #define UMBRAGE_SERVER_BAKE_TILES_BASE_OCTREE_H
 /*
- * The merged octree of an earlier bake, kept in a cache beside the tiles. A bake after an edit loads
- * it as a whole, which takes a fraction of the time of reading and merging the same tiles one by
- * one. Tiles that the edit changed are then baked, or read, as without it.
+ * The merged octree of an earlier bake, kept in a cache beside the tiles. A bake after an edit
+ * loads it as a whole, which takes a fraction of the time of reading and merging the same tiles one
+ * by one. Tiles that the edit changed are then baked, or read, as without it.
  *
  *     umbb_base_open(&base, &proofs, &job);
  *     umbb_base_load(&base, &pool, &error);
@@ -15,11 +15,11 @@
  *     umbb_base_keep(&base, cuts, pages, page_count, &error);
  *     umbb_base_close(&base);
  *
- * Layout, little-endian: magic "UMBBASE1", the base's name (32 bytes); for each tile of each frustum
- * its key and the SHA-256 of its result (32 bytes each), int32 max_lit, min_end, uint32 runs; then
- * for each run of each tile uint32 z_end, ref (tile_code.h; ref is a number of the octree); then
- * uint64 bytes of the octree; the octree (format/octree_image.h); the cuts and pages of the asset
- * that was written (format/pack_kept.h).
+ * Layout, little-endian: magic "UMBBASE1", the base's name (32 bytes); for each tile of each
+ * frustum its key and the SHA-256 of its result (32 bytes each), int32 max_lit, min_end, uint32
+ * runs; then for each run of each tile uint32 z_end, ref (tile_code.h; ref is a number of the
+ * octree); then uint64 bytes of the octree; the octree (format/octree_image.h); the cuts and pages
+ * of the asset that was written (format/pack_kept.h).
  *
  * The name is a hash of the names of the frusta's records (proofs.h), which say where all voxels
  * are. A base is trusted as tiles' results are, and as records only in a folder that no other user
@@ -59,8 +59,8 @@ struct umbb_base {
     struct umbb_base_tiles before, now;
 };
 
-/* Reads the base of an earlier bake. In: proofs: opened, borrowed. cache: borrowed. max_bytes: limit
- * of the file; a larger one is not used. Fails: E_NO_MEMORY. */
+/* Reads the base of an earlier bake. In: proofs: opened, borrowed. cache: borrowed. max_bytes:
+ * limit of the file; a larger one is not used. Fails: E_NO_MEMORY. */
 UMB_CHECKED enum umb_status umbb_base_open(struct umbb_base *base, const struct umbb_proofs *proofs,
                                            struct umbb_tile_cache *cache, size_t max_bytes,
                                            struct umb_error *error);

@@ -34,8 +34,8 @@ UMB_CHECKED enum umb_status umbb_tile_ahead_create(unsigned threads, struct umbb
                                                    struct umb_error *error);
 void umbb_tile_ahead_destroy(struct umbb_tile_ahead *ahead); /* NULL is allowed */
 
-/* Starts a frustum. In: depth: a depth path with lists, borrowed until the end. base: tiles that need
- * not be read, borrowed; NULL: none. */
+/* Starts a frustum. In: depth: a depth path with lists, borrowed until the end. base: tiles that
+ * need not be read, borrowed; NULL: none. */
 void umbb_tile_ahead_begin(struct umbb_tile_ahead *ahead, const struct umbb_depth *depth,
                            const struct umbb_tile_shape *shape, uint32_t frustum,
                            const struct umbb_base *base);
