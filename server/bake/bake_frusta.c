@@ -250,6 +250,9 @@ static enum umb_status bake_all(struct series *series, uint32_t *roots, uint32_t
     }
     finish_tiles(series);
     UMB__TRY(umb__pool_take(&series->pool, roots, levels, count, octree, error));
+    if (job->tile_folder != NULL && job->tile_folder->base != NULL) {
+        UMB__TRY(umbb_base_compact(job->tile_folder->base, octree, error));
+    }
     return job->occluder_depth == NULL
                ? UMB_OK
                : umb__occluder_depth_join(series->occluder_depths, count,
@@ -266,6 +269,9 @@ enum umb_status umbb_bake_frusta(const struct umbb_frusta_job *job, struct umb__
     uint32_t *roots = calloc(count, sizeof *roots), *levels = calloc(count, sizeof *levels);
     memset(octree, 0, sizeof *octree);
     umb__pool_init(&series.pool, &umb__page_alloc, job->memory->octree_max_bytes);
+    if (job->tile_folder != NULL && job->tile_folder->base != NULL) {
+        umbb_base_load(job->tile_folder->base, &series.pool);
+    }
     series.tiles_total = options->only_given ? options->only_last - options->only_first + 1
                                              : umbb_tile_count(job->analysis, tile_log2);
     series.texels_total = series.tiles_total << (2 * tile_log2);

@@ -106,7 +106,6 @@ static void put_asset(struct umbu_json *json, const struct umbb_report *r)
     umbu_json_integer(json, "bytes", r->publish->bytes);
     umbu_json_rounded(json, "share_of_shadow_map", (double)r->publish->bytes / shadow_map_bytes(r),
                       9);
-    umbu_json_integer(json, "memory_bytes", info->memory_bytes);
     umbu_json_begin(json, "level_nodes", '{');
     for (uint32_t level = UMB_LEVEL_BRICK; level <= r->options->resolution_log2; level++) {
         char key[16];
@@ -142,7 +141,7 @@ void umbb_report_print_json(FILE *to, const struct umbb_report *r)
     put_asset(&json, r);
     UMBU_JSON_COUNTS(&json, {"texels", r->figures.texels}, {"tile", 1U << r->tile_log2},
                      {"tiles", r->figures.tiles}, {"tiles_found", r->figures.tiles_found},
-                     {"tiles_damaged", r->damaged_tiles});
+                     {"tiles_of_base", r->base_tiles}, {"tiles_damaged", r->damaged_tiles});
     umbu_json_text(&json, "depth", r->depth_path);
     umbu_json_begin(&json, "seconds", '{');
     UMBU_JSON_VALUES(&json, 6, {"import", r->seconds_import}, {"analysis", r->seconds_analysis},

@@ -15,6 +15,7 @@ struct umbb_report {
     uint32_t tile_log2;
     uint32_t transmittance_level; /* 2^level texels a side of maps of translucent casters, or 0 */
     uint64_t damaged_tiles;       /* tiles found damaged in the cache, removed and baked again */
+    uint64_t base_tiles;          /* tiles of the octree of an earlier bake */
     const char *depth_path;
     double seconds_import, seconds_analysis, seconds_bake, seconds_write, seconds_verify;
     double seconds_total;

@@ -39,6 +39,10 @@
 /* Share of --memory that records of earlier self-checks may take. */
 #define PROOFS_SHARE 32U
 
+/* Share of the octree's memory that the octree of an earlier bake may take: the nodes of tiles that
+ * changed stay in the pool until the bake ends. */
+#define BASE_SHARE 16U
+
 /* State of a run. */
 struct run {
     const struct umbb_options *options; /* `chosen`, or the caller's */
@@ -57,6 +61,7 @@ struct run {
     struct umbb_report report;
     struct umbb_tile_folder tile_folder; /* its cache.folder is NULL if no folder is used */
     struct umbb_proofs proofs;           /* records of earlier self-checks, or zero */
+    struct umbb_base base;               /* octree of an earlier bake; its cache is NULL if none */
     uint64_t check_max_bytes;            /* limit of the asset's memory during its check */
     double start_s;
 };
@@ -316,7 +321,13 @@ static enum umb_status open_proofs(struct run *run, const struct umbb_memory_pla
         .cache = &run->tile_folder.cache,
     };
     run->tile_folder.proofs = &run->proofs;
-    return umbb_proofs_open(&run->proofs, &job, error);
+    UMB__TRY(umbb_proofs_open(&run->proofs, &job, error));
+    if (run->proofs.frusta == NULL || job.occluder_depth) {
+        return UMB_OK;
+    }
+    run->tile_folder.base = &run->base;
+    return umbb_base_open(&run->base, &run->proofs, &run->tile_folder.cache,
+                          memory->octree_max_bytes / BASE_SHARE, error);
 }
 
 /* Checks tiles that several machines share: the tile size must be as requested, and tile numbers
@@ -406,6 +417,15 @@ static enum umb_status bake_prepared(struct run *run, const struct umbb_memory_p
     return o->task == UMBB_TASK_TILE ? UMB_OK : bake_transmittance(run, memory, error);
 }
 
+/* Takes the memory of a base from that of the octree: the file, and the arrays that are read from
+ * it. */
+static void leave_base(const struct umbb_base *base, struct umbb_memory_plan *memory)
+{
+    const size_t bytes = 2 * base->size;
+    memory->octree_max_bytes -= bytes;
+    memory->shared_max_bytes -= bytes < memory->shared_max_bytes ? bytes : 0;
+}
+
 static enum umb_status bake(struct run *run, struct umb_error *error)
 {
     const struct umbb_options *o = run->options;
@@ -420,6 +440,7 @@ static enum umb_status bake(struct run *run, struct umb_error *error)
                                             &occluder_depth_bytes, error));
     UMB__TRY(open_tile_folder(run, error));
     UMB__TRY(open_proofs(run, &memory, error));
+    leave_base(&run->base, &memory);
     run->report.tile_log2 = memory.tile_log2;
     run->check_max_bytes = memory.check_max_bytes;
     const double start = umbu_clock_s();
@@ -451,6 +472,18 @@ static void write_notes(const struct run *run, char *text, size_t size)
              umbu_clock_s() - run->start_s, stamp, UMB_VERSION_TEXT);
 }
 
+/* Keeps the octree and its pages for the next bake. Without them the next one merges all tiles. */
+static void keep_base(void *user, const struct umb__pack_cuts *cuts,
+                      const struct umb__kept_page *pages, uint32_t page_count)
+{
+    const struct run *run = user;
+    struct umb_error error;
+    if (umbb_base_keep(&run->base, cuts, pages, page_count, &error) != UMB_OK &&
+        !run->options->quiet) {
+        fprintf(stderr, "umbrage-bake: notice: --cache: %s\n", error.message);
+    }
+}
+
 static enum umb_status write_asset(struct run *run, struct umb_error *error)
 {
     char notes[160];
@@ -463,6 +496,9 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     umbu_threads_wait(run->hashing, NULL, NULL);
     memcpy(content.scene_hash, run->scene_hash, sizeof content.scene_hash);
     run->publish.threads = run->options->threads;
+    run->publish.kept = &run->base.kept;
+    run->publish.made = run->base.cache != NULL ? keep_base : NULL;
+    run->publish.made_user = run;
     UMB__TRY(umbb_analysis_need_corners(&run->analysis, &run->scene->view, error));
     if (run->analysis.count > 0) {
         UMB__TRY(
@@ -470,6 +506,7 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     }
     const enum umb_status status = umbb_publish_write(&run->publish, &content, &run->octree, error);
     free(content.curve);
+    umbb_base_release(&run->base);
     run->report.seconds_write = umbu_clock_s() - start;
     return status;
 }
@@ -516,11 +553,14 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
 {
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
     UMB__TRY(bake(run, error));
-    UMB__TRY(write_asset(run, error));
-    const enum umb_status status = check_asset(run, error);
+    enum umb_status status = write_asset(run, error);
+    if (status == UMB_OK) {
+        status = check_asset(run, error);
+    }
     if (status == UMB_E_INTERNAL) {
-        umbb_proofs_refuse(
-            &run->proofs); /* so that the next bake does not find a wrong tile again */
+        /* So that the next bake does not find a wrong tile again. */
+        umbb_proofs_refuse(&run->proofs);
+        umbb_base_drop(&run->base);
     }
     UMB__TRY(status);
     UMB__TRY(umbb_publish_commit(&run->publish, error));
@@ -575,6 +615,7 @@ static void print_report(struct run *run)
     run->report.analysis = &run->analysis;
     run->report.publish = &run->publish;
     run->report.damaged_tiles = run->tile_folder.cache.damaged;
+    run->report.base_tiles = run->base.found;
     run->report.seconds_total = umbu_clock_s() - run->start_s;
     if (run->options->task == UMBB_TASK_TILE) {
         umbb_report_print_tiles(stdout, &run->report);
@@ -621,6 +662,7 @@ enum umb_status umbb_run(const struct umbb_options *options, struct umb_error *e
     umb__occluder_depth_words_free(NULL, run.occluder_depth.words);
     free(run.receiver_mask_cells);
     umb__transmittance_bytes_finish(&run.transmittance);
+    umbb_base_close(&run.base);
     umbb_proofs_close(&run.proofs);
     umbb_tile_folder_close(&run.tile_folder);
     free(run.plan);

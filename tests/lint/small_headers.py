@@ -26,6 +26,7 @@ KEPT = {
     "server/bake/build/tile_occluder_depth.h": "the effect's part of a tile; tested alone",
     "server/bake/shut_in.h": "from the options of a bake to the paths of its sandbox",
     "server/bake/write/curve_points.h": "points of the accuracy curve",
+    "server/bake/write/octree_part.h": "the tiles of an octree that a self-check reads; tested alone",
     "server/bake/write/near_casters.h": "casters that the rays of some squares can meet",
     "server/bake/write/square_content.h": "digest of a square's voxels in an opened asset",
     "server/bake/write/squares_check.h": "the part of the self-check that uses records",

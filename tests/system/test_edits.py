@@ -3,6 +3,7 @@
 """Edits with a cache: the id of a full bake, a self-check that compares only what changed, and no wrong
 asset from a damaged cache. `make edits` makes more of the edits, on real scenes."""
 import ctypes
+import hashlib
 import os
 import random
 import shutil
@@ -47,12 +48,20 @@ def write(path, content):
 
 
 def tiles_of(cache):
-    """Names of the tiles, the largest last, and of the record of the self-check, told by its length."""
+    """Names of the tiles, the largest last, and of the record of the self-check, told by its length; without the
+    merged octree."""
     squares = 1 << 2 * (edits.LOG2 - 6)
     record = 16 + 64 * 64 + 32 * squares + 32
     names = sorted(os.listdir(cache), key=lambda name: os.path.getsize(os.path.join(cache, name)))
     records = [name for name in names if struct.unpack_from("<Q", read(os.path.join(cache, name)), 40)[0] == record]
-    return [name for name in names if name not in records], records
+    base = base_of(records)
+    return [name for name in names if name not in records and name != base], records
+
+
+def base_of(records):
+    """Name of the merged octree that an edit begins with."""
+    places = b"".join(bytes.fromhex(name[:64]) for name in records)
+    return hashlib.sha256(b"umbrage base   \0" + places).hexdigest() + ".umbt"
 
 
 def inheritance(folder, scene, moved, out):
@@ -120,6 +129,8 @@ def forgery(folder, scene, out, asset, cache):
     tiles, records = tiles_of(cache)
     check("a frustum has one record", len(records) == 1, records)
     place, other = os.path.join(cache, tiles[-1]), os.path.join(cache, tiles[-2])
+    base = os.path.join(cache, base_of(records))
+    os.unlink(base)  # else no tile is read
     true, wrong = read(place), forged(read(place), read(other))
     write(place, wrong)
     report = edits.bake(scene, "-o", out, "--cache", cache, *edits.SETTINGS)
@@ -129,11 +140,38 @@ def forgery(folder, scene, out, asset, cache):
     os.unlink(out)
     write(place, wrong)
     os.unlink(os.path.join(cache, records[0]))
+    os.unlink(base)
     problem = edits.bake(scene, "-o", out, "--cache", cache, *edits.SETTINGS, expect=70)
     check("without a record the rays find it, and nothing is published",
           "disagree with traced rays" in problem and not os.path.exists(out), problem)
     healed = edits.bake(scene, "-o", out, "--cache", cache, *edits.SETTINGS)
     check("the next bake makes the tile anew", healed["asset"] == asset and read(place)[HEAD:] == true[HEAD:])
+
+
+def bases(folder, scene, moved, out, assets, cache):
+    """The merged octree of the bake before: used, and ignored where it is cut, damaged, foreign or old."""
+    edits.bake(scene, "-o", out, "--cache", cache, *edits.SETTINGS)
+    tiles, records = tiles_of(cache)
+    path = os.path.join(cache, base_of(records))
+    whole = read(path)
+    kept = edits.bake(moved, "-o", out, "--cache", cache, *edits.SETTINGS)
+    check("an edit begins with the octree of the bake before",
+          kept["asset"] == assets[1] and 56 <= kept["tiles_of_base"] < 64 and read(path) == whole, kept)
+    other = os.path.join(folder, "other")
+    edits.bake(scene, "-o", out, "--cache", other, "--resolution", str(1 << (edits.LOG2 - 1)), "--tile",
+               str(1 << (edits.LOG2 - 4)), *edits.SETTINGS[4:])
+    foreign = max((os.path.join(other, name) for name in os.listdir(other)), key=os.path.getsize)
+    spoils = {"cut": whole[:len(whole) // 2], "empty": b"", "a flipped bit": whole[:-9] + bytes([whole[-9] ^ 4]) + whole[-8:],
+              "a tile": forged(whole, read(os.path.join(cache, tiles[-1]))), "foreign": forged(whole, read(foreign)),
+              "missing": None}
+    for name, content in spoils.items():
+        os.unlink(path)
+        if content is not None:
+            write(path, content)
+        report = edits.bake(moved, "-o", out, "--cache", cache, *edits.SETTINGS)
+        check(f"a base that is {name} is not used",
+              report["asset"] == assets[1] and report["tiles_of_base"] == 0 and report["tiles_found"] == 64, report)
+        check(f"and is made anew ({name})", os.path.getsize(path) > len(whole) // 2)
 
 
 def shared(folder, scene, out, asset):
@@ -165,6 +203,7 @@ def main():
         first, second, cache = inheritance(folder, scene, moved, out)
         spoilt(folder, scene, moved, out, (first, second), cache)
         forgery(folder, scene, out, first, cache)
+        bases(folder, scene, moved, out, (first, second), cache)
         shared(folder, scene, out, first)
         check("ten edits", edits.try_edits(city, EDITS, seed=3) == 0)
     return 1 if failures else 0

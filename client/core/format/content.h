@@ -95,6 +95,10 @@ UMB_CHECKED enum umb_status umb__pack_write(const struct umb__content *content,
                                             const struct umb_sink *sink, uint8_t id[UMB_ID_BYTES],
                                             struct umb_error *error);
 
+struct umb__pack_kept;
+struct umb__pack_cuts;
+struct umb__kept_page;
+
 /* Arguments of umb__pack_run. */
 struct umb__pack_job {
     const struct umb__content *content;
@@ -106,6 +110,13 @@ struct umb__pack_job {
     /* Called every few pages, on any of the threads; nonzero ends the call with E_CANCELLED. May be
      * NULL. */
     int (*cancelled)(void);
+    const struct umb__pack_kept
+        *kept; /* Cuts and pages of nodes that are known (pack_kept.h); NULL:
+                                          none. The bytes are the same */
+    /* Called with all pages when the file is written; may be NULL. */
+    void (*made)(void *user, const struct umb__pack_cuts *cuts, const struct umb__kept_page *pages,
+                 uint32_t page_count);
+    void *made_user;
     uint32_t page_bytes; /* Most estimated bytes of a page; 0: what the format page says. Readers
                             take any */
 };

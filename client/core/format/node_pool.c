@@ -196,10 +196,9 @@ static enum umb_status slots_grow(struct umb__pool *pool, struct umb__hash_slots
 }
 
 static enum umb_status bricks_grow(struct umb__pool *pool, struct umb__pool_level *level,
-                                   struct umb_error *error)
+                                   uint32_t capacity, struct umb_error *error)
 {
     const uint32_t old = level->capacity;
-    const uint32_t capacity = grown(pool, old, sizeof *pool->bricks, UMB__REF_INDEX_MAX + 1U);
     UMB__TRY(grow(pool, &pool->bricks, sizeof *pool->bricks, old, capacity, error));
     if (pool->is_loose) {
         const enum umb_status status =
@@ -226,17 +225,17 @@ static enum umb_status brick_room(struct umb__pool *pool, struct umb__pool_level
         UMB__TRY(slots_grow(pool, &level->slots, error));
     }
     if (level->count == level->capacity) {
-        UMB__TRY(bricks_grow(pool, level, error));
+        const uint32_t capacity =
+            grown(pool, level->capacity, sizeof *pool->bricks, UMB__REF_INDEX_MAX + 1U);
+        UMB__TRY(bricks_grow(pool, level, capacity, error));
     }
     return slots_full(pool, level) ? slots_grow(pool, &level->slots, error) : UMB_OK;
 }
 
 static enum umb_status nodes_grow(struct umb__pool *pool, struct umb__pool_level *level,
-                                  struct umb_error *error)
+                                  uint32_t capacity, struct umb_error *error)
 {
     const uint32_t old = level->capacity;
-    const uint32_t capacity =
-        grown(pool, old, sizeof *level->masks + sizeof *level->first, UMB__REF_INDEX_MAX + 1U);
     UMB__TRY(grow(pool, &level->masks, sizeof *level->masks, old, capacity, error));
     const enum umb_status status =
         grow(pool, &level->first, sizeof *level->first, level->first == NULL ? 0 : (size_t)old + 1,
@@ -253,10 +252,8 @@ static enum umb_status nodes_grow(struct umb__pool *pool, struct umb__pool_level
 }
 
 static enum umb_status children_grow(struct umb__pool *pool, struct umb__pool_level *level,
-                                     struct umb_error *error)
+                                     uint32_t capacity, struct umb_error *error)
 {
-    const uint32_t capacity =
-        grown(pool, level->child_capacity, sizeof *level->children, UINT32_MAX);
     UMB__TRY(grow(pool, &level->children, sizeof *level->children, level->child_capacity, capacity,
                   error));
     level->child_capacity = capacity;
@@ -272,13 +269,39 @@ static enum umb_status node_room(struct umb__pool *pool, struct umb__pool_level 
                         UMB__REF_INDEX_MAX);
     }
     if (level->count == level->capacity) {
-        UMB__TRY(nodes_grow(pool, level, error));
+        const size_t bytes = sizeof *level->masks + sizeof *level->first;
+        UMB__TRY(nodes_grow(pool, level,
+                            grown(pool, level->capacity, bytes, UMB__REF_INDEX_MAX + 1U), error));
     }
     if (level->child_capacity - level->child_count < 8) {
-        UMB__TRY(children_grow(pool, level, error));
+        const uint32_t capacity =
+            grown(pool, level->child_capacity, sizeof *level->children, UINT32_MAX);
+        UMB__TRY(children_grow(pool, level, capacity, error));
     }
     return !pool->is_loose && slots_full(pool, level) ? slots_grow(pool, &level->slots, error)
                                                       : UMB_OK;
+}
+
+enum umb_status umb__pool_reserve(struct umb__pool *pool, uint32_t number, uint32_t nodes,
+                                  uint32_t children, struct umb_error *error)
+{
+    struct umb__pool_level *level = &pool->level[number];
+    if (nodes > UMB__REF_INDEX_MAX || children > UINT32_MAX - 8U) {
+        return umb_fail(error, UMB_E_LIMIT, "shadow octree: %u nodes, %u children in a level",
+                        nodes, children);
+    }
+    if (nodes > level->capacity) {
+        UMB__TRY(number == UMB_LEVEL_BRICK ? bricks_grow(pool, level, nodes, error)
+                                           : nodes_grow(pool, level, nodes, error));
+    }
+    if (number > UMB_LEVEL_BRICK && level->child_capacity < children + 8U) {
+        UMB__TRY(children_grow(pool, level, children + 8U, error));
+    }
+    while (nodes > 0 && (level->slots.words == NULL ||
+                         nodes > ((uint64_t)1 << level->slots.log2_size) / 4 * 3)) {
+        UMB__TRY(slots_grow(pool, &level->slots, error));
+    }
+    return UMB_OK;
 }
 
 /* --- bricks and nodes ------------------------------------------------------------------------- */

@@ -148,6 +148,12 @@ UMB_CHECKED enum umb_status umb__pool_node_from(struct umb__pool *pool, uint32_t
                                                 size_t place, uint32_t *ref,
                                                 struct umb_error *error);
 
+/* Makes room for so many nodes of a level, or bricks, and their children. In: pool: not a loose
+ * one. Fails: as umb__pool_brick. */
+UMB_CHECKED enum umb_status umb__pool_reserve(struct umb__pool *pool, uint32_t level,
+                                              uint32_t nodes, uint32_t children,
+                                              struct umb_error *error);
+
 /* Number of nodes or bricks that are looked up together. */
 #define UMB__POOL_GROUP 32U
 

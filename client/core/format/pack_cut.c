@@ -11,9 +11,9 @@
 #include "base/memory.h"
 #include "base/try.h"
 #include "format/layout.h"
+#include "format/pack_kept.h"
 
-#define CUT_LOWEST  (UMB_LEVEL_BRICK + 2U) /* Lowest level whose nodes may be cut */
-#define LINK_BYTES  2U                     /* Estimated bytes of a child in another page */
+#define LINK_BYTES  2U    /* Estimated bytes of a child in another page */
 #define SMALL_BYTES 256U  /* Most bytes of whole pieces that stay with a coarse node */
 #define JOB_NODES   4096U /* Nodes of one level that a helper takes at a time */
 #define HELPERS_MAX 64U
@@ -41,9 +41,7 @@ struct cutting {
     struct umb__pack_cuts *cuts;
     const struct umb__octree *octree;
     const struct umb__pack_survey *survey;
-    /* [count of the level] For levels 4 and up, a bound of the bytes of each node's piece, below
-     * COARSE, and COARSE if the piece is coarse. */
-    uint32_t *sums[UMB_LEVEL_MAX + 1];
+    const struct umb__pack_kept *kept; /* NULL: nothing is kept for pages of this size */
     struct cutter cutters[HELPERS_MAX];
     unsigned helpers;
     uint32_t level;      /* Level that the helpers cut */
@@ -109,7 +107,7 @@ static void begin_page(struct cutter *cutter)
 
 static uint32_t sum_of(const struct cutting *c, uint32_t level, uint32_t node)
 {
-    return level == UMB_LEVEL_BRICK ? c->survey->brick_bytes[node] : c->sums[level][node];
+    return level == UMB_LEVEL_BRICK ? c->survey->brick_bytes[node] : c->cuts->sums[level][node];
 }
 
 /* The pages of a node that is cut. */
@@ -178,10 +176,10 @@ static void cut_node(const struct cutting *c, struct cutter *cutter, uint32_t le
     const uint32_t *children, most = c->cuts->page_bytes;
     const uint32_t count = children_of(c, level, node, &children);
     const uint32_t own = umb__pack_node_estimate(count);
-    const bool above = level >= CUT_LOWEST && coarse_children(c, level, node) > 0;
+    const bool above = level >= UMB__CUT_LOWEST && coarse_children(c, level, node) > 0;
     uint32_t whole = sum_children(c, level, node, 0);
     struct division division = {0};
-    if (!above && own + whole > most && level >= CUT_LOWEST) {
+    if (!above && own + whole > most && level >= UMB__CUT_LOWEST) {
         divide(c, cutter, level, node, false, &division);
         if (division.part_count == 1 && own + division.open <= most) {
             whole = division.open;
@@ -201,11 +199,34 @@ static void cut_node(const struct cutting *c, struct cutter *cutter, uint32_t le
         }
         bytes |= COARSE;
     }
-    if (level >= CUT_LOWEST) {
+    if (level >= UMB__CUT_LOWEST) {
         c->cuts->parts[level][node] = division.parts;
+        c->cuts->bytes[level][node] = (uint32_t)division.bytes;
     }
     cutter->page_bytes += division.bytes;
-    c->sums[level][node] = bytes;
+    c->cuts->sums[level][node] = bytes;
+}
+
+/* Returns the number of the first node whose cuts are not kept. */
+static uint32_t first_node(const struct cutting *c, uint32_t level)
+{
+    return c->kept ? c->kept->counts[level] : 0;
+}
+
+/* Takes over the cuts of the nodes that are kept. */
+static void take_kept(struct cutting *c, uint32_t level)
+{
+    const uint32_t count = first_node(c, level);
+    if (count > 0) {
+        memcpy(c->cuts->sums[level], c->kept->sums[level], count * sizeof(uint32_t));
+    }
+    if (count > 0 && level >= UMB__CUT_LOWEST) {
+        memcpy(c->cuts->parts[level], c->kept->parts[level], count * sizeof(uint32_t));
+        memcpy(c->cuts->bytes[level], c->kept->bytes[level], count * sizeof(uint32_t));
+        for (uint32_t node = 0; node < count; node++) {
+            c->cutters[0].page_bytes += c->kept->bytes[level][node];
+        }
+    }
 }
 
 /* Cuts some of the level's nodes, unless this helper's pages alone exceed the limit. */
@@ -215,7 +236,8 @@ static void cut_job(void *user, uint32_t job, unsigned worker)
     if (c->cutters[worker].page_bytes > c->most_bytes) {
         return;
     }
-    const uint32_t first = job * JOB_NODES, left = c->octree->level[c->level].count - first;
+    const uint32_t first = first_node(c, c->level) + job * JOB_NODES;
+    const uint32_t left = c->octree->level[c->level].count - first;
     const uint32_t count = left < JOB_NODES ? left : JOB_NODES;
     for (uint32_t node = first; node < first + count; node++) {
         if (umb__pack_reached(c->survey, c->level, node)) {
@@ -240,7 +262,8 @@ static void cut_levels(struct cutting *c, const struct umb_workers *workers)
 {
     for (c->level = UMB_LEVEL_BRICK + 1;
          c->level <= UMB_LEVEL_MAX && page_bytes(c) <= c->most_bytes; c->level++) {
-        const uint32_t count = c->octree->level[c->level].count;
+        take_kept(c, c->level);
+        const uint32_t count = c->octree->level[c->level].count - first_node(c, c->level);
         const uint32_t jobs = count / JOB_NODES + (count % JOB_NODES > 0);
         if (workers && jobs > 1) {
             workers->run(workers->user, cut_job, c, jobs);
@@ -286,12 +309,13 @@ static bool allocate(struct cutting *c)
     bool complete = cuts->tops != NULL;
     for (uint32_t level = UMB_LEVEL_BRICK + 1; level <= UMB_LEVEL_MAX && complete; level++) {
         const size_t count = (size_t)c->octree->level[level].count + 1;
-        c->sums[level] = umb__alloc(c->cuts->alloc, count, sizeof *c->sums[level]);
-        complete = c->sums[level] != NULL;
-        if (level >= CUT_LOWEST && complete) {
+        cuts->sums[level] = umb__alloc(cuts->alloc, count, sizeof *cuts->sums[level]);
+        complete = cuts->sums[level] != NULL;
+        if (level >= UMB__CUT_LOWEST && complete) {
             c->cuts->parts[level] =
                 umb__alloc_zeroed(c->cuts->alloc, count, sizeof *c->cuts->parts[level]);
-            complete = c->cuts->parts[level] != NULL;
+            cuts->bytes[level] = umb__alloc_zeroed(cuts->alloc, count, sizeof *cuts->bytes[level]);
+            complete = cuts->parts[level] != NULL && cuts->bytes[level] != NULL;
         }
     }
     return complete;
@@ -320,10 +344,12 @@ static bool begin_cutters(struct cutting *c, uint32_t page_bytes)
 
 /* Cuts the octree into pages of at most `most` bytes. With a limit of copies, the cut is given up
  * as soon as it exceeds the limit. */
-static enum umb_status cut_all(struct cutting *c, const struct umb_workers *workers, uint32_t most,
-                               double copies_max, struct umb_error *error)
+static enum umb_status cut_all(struct cutting *c, const struct umb_workers *workers,
+                               const struct umb__pack_kept *kept, uint32_t most, double copies_max,
+                               struct umb_error *error)
 {
     struct umb__pack_cuts *cuts = c->cuts;
+    c->kept = kept && kept->page_bytes == most ? kept : NULL;
     cuts->page_bytes = most;
     c->most_bytes = copies_max > 0.0 ? (uint64_t)(copies_max * (double)c->once) : UINT64_MAX;
     if (!begin_cutters(c, most)) {
@@ -341,7 +367,8 @@ static enum umb_status cut_all(struct cutting *c, const struct umb_workers *work
 enum umb_status umb__pack_cut(const struct umb__octree *octree,
                               const struct umb__pack_survey *survey,
                               const struct umb_workers *workers, uint32_t most,
-                              struct umb__pack_cuts *cuts, struct umb_error *error)
+                              const struct umb__pack_kept *kept, struct umb__pack_cuts *cuts,
+                              struct umb_error *error)
 {
     const struct umb_alloc *alloc = octree->alloc;
     *cuts = (struct umb__pack_cuts){.octree = octree, .alloc = alloc};
@@ -359,15 +386,12 @@ enum umb_status umb__pack_cut(const struct umb__octree *octree,
     }
     enum umb_status status = allocate(c) ? UMB_OK : umb__pack_no_memory(error);
     if (status == UMB_OK && most > 0) {
-        status = cut_all(c, workers, most, 0.0, error);
+        status = cut_all(c, workers, kept, most, 0.0, error);
     } else if (status == UMB_OK) {
-        status = cut_all(c, workers, UMB__PAGE_BYTES, UMB__PAGE_COPIES_MAX, error);
+        status = cut_all(c, workers, kept, UMB__PAGE_BYTES, UMB__PAGE_COPIES_MAX, error);
         if (status == UMB_OK && cuts->copies > UMB__PAGE_COPIES_MAX) {
-            status = cut_all(c, workers, UMB__PAGE_BYTES_SHARED, 0.0, error);
+            status = cut_all(c, workers, kept, UMB__PAGE_BYTES_SHARED, 0.0, error);
         }
-    }
-    for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
-        umb__free(alloc, c->sums[level]);
     }
     for (unsigned i = 0; i < c->helpers; i++) {
         umb__free(alloc, c->cutters[i].slots);
@@ -380,6 +404,8 @@ void umb__pack_cuts_finish(struct umb__pack_cuts *cuts)
 {
     for (size_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         umb__free(cuts->alloc, cuts->parts[level]);
+        umb__free(cuts->alloc, cuts->bytes[level]);
+        umb__free(cuts->alloc, cuts->sums[level]);
     }
     umb__free(cuts->alloc, cuts->tops);
     memset(cuts, 0, sizeof *cuts);

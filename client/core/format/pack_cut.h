@@ -41,11 +41,20 @@ static inline uint32_t umb__part_count(uint32_t parts)
     return most;
 }
 
+#define UMB__CUT_LOWEST (UMB_LEVEL_BRICK + 2U) /* Lowest level whose nodes may be cut */
+
+struct umb__pack_kept;
+
 struct umb__pack_cuts {
     const struct umb__octree *octree;
     uint32_t
         *parts[UMB_LEVEL_MAX + 1]; /* [count of the level] Parts of each node of levels 5 and up */
-    struct umb__pack_page *tops;   /* [top_count] Pages of the roots */
+    uint32_t *bytes[UMB_LEVEL_MAX + 1]; /* [count of the level] Estimated bytes of the pages of each
+                                           node of levels 5 and up; 0: not cut */
+    /* [count of the level] For levels 4 and up, a bound of the bytes of each node's piece, and a
+     * flag if the piece is coarse. */
+    uint32_t *sums[UMB_LEVEL_MAX + 1];
+    struct umb__pack_page *tops; /* [top_count] Pages of the roots */
     uint32_t top_count;
     uint32_t page_bytes; /* Most estimated bytes of a page */
     double copies;       /* Estimated bytes of all pages, over those of the nodes, each once */
@@ -54,12 +63,13 @@ struct umb__pack_cuts {
 
 /*
  * Cuts a surveyed octree. In: workers: or NULL; the result is the same. most: most estimated bytes
- * of a page; 0: the size that the format page chooses. Out: cuts: finish them also after a
- * failure. Fails: E_NO_MEMORY.
+ * of a page; 0: the size that the format page chooses. kept: cuts of nodes that are known, or NULL;
+ * the result is the same. Out: cuts: finish them also after a failure. Fails: E_NO_MEMORY.
  */
 UMB_CHECKED enum umb_status umb__pack_cut(const struct umb__octree *octree,
                                           const struct umb__pack_survey *survey,
                                           const struct umb_workers *workers, uint32_t most,
+                                          const struct umb__pack_kept *kept,
                                           struct umb__pack_cuts *cuts, struct umb_error *error);
 void umb__pack_cuts_finish(struct umb__pack_cuts *cuts);
 

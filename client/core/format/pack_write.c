@@ -16,6 +16,7 @@
 #include "format/canonical.h"
 #include "format/directory.h"
 #include "format/pack_cut.h"
+#include "format/pack_kept.h"
 #include "format/page_compress.h"
 
 /* Most pages of a file: differences of their numbers have 32 bits. */
@@ -51,7 +52,7 @@ struct worker {
 
 /* A page that is made. */
 struct made {
-    uint8_t *stored;                  /* Compressed page, whose length is in the entry */
+    const uint8_t *stored;            /* Compressed page, whose length is in the entry */
     const struct umb__node_ref *cuts; /* [cut_count] Cut nodes that it links to */
     size_t cut_count;
     const uint8_t *links; /* [links_length] Its links, as the directory has them */
@@ -183,6 +184,25 @@ static enum umb_status write_page(const struct writer *w, struct worker *worker,
     return UMB_OK;
 }
 
+/* Takes over a page that is kept. Returns false if there is none. */
+static bool take_kept(const struct writer *w, uint32_t page)
+{
+    const struct umb__pack_kept *kept = w->job->kept;
+    const struct umb__kept_page *found = kept && kept->page_bytes == w->cuts.page_bytes
+                                             ? umb__pack_kept_find(kept, &w->pages[page])
+                                             : NULL;
+    uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
+    if (!found) {
+        return false;
+    }
+    memcpy(entry, found->entry, UMB__PAGE_ENTRY);
+    umb__store64(entry + UMB__PAGE_OFFSET, 0);
+    umb__store16(entry + UMB__PAGE_LINKS, 0);
+    w->made[page] =
+        (struct made){.stored = found->stored, .cuts = found->cuts, .cut_count = found->cut_count};
+    return true;
+}
+
 /* Hashes the pages of a job into their entries. */
 static enum umb_status hash_pages(const struct writer *w, struct worker *worker,
                                   const uint32_t *pages, uint32_t count)
@@ -216,12 +236,15 @@ static void encode_pages(const struct writer *w, uint32_t job, unsigned number)
     if (worker->status == UMB_OK && w->job->cancelled && w->job->cancelled()) {
         worker->status = umb_fail(&worker->error, UMB_E_CANCELLED, "packing: cancelled");
     }
-    for (uint32_t i = 0; i < count && worker->status == UMB_OK; i++) {
-        pages[i] = first + i;
-        worker->status = write_page(w, worker, pages[i], i);
+    uint32_t fresh = 0;
+    for (uint32_t page = first; page < first + count && worker->status == UMB_OK; page++) {
+        if (!take_kept(w, page)) {
+            worker->status = write_page(w, worker, page, fresh);
+            pages[fresh++] = page;
+        }
     }
-    if (worker->status == UMB_OK) {
-        worker->status = hash_pages(w, worker, pages, count);
+    if (worker->status == UMB_OK && fresh > 0) {
+        worker->status = hash_pages(w, worker, pages, fresh);
     }
 }
 
@@ -363,8 +386,8 @@ static enum umb_status make_pages(struct writer *w)
     const struct umb__octree *octree = w->job->octree;
     w->worker_count = w->job->workers ? w->job->workers->count : 1;
     UMB__TRY(umb__pack_survey(octree, &w->survey, w->error));
-    UMB__TRY(
-        umb__pack_cut(octree, &w->survey, w->job->workers, w->job->page_bytes, &w->cuts, w->error));
+    UMB__TRY(umb__pack_cut(octree, &w->survey, w->job->workers, w->job->page_bytes, w->job->kept,
+                           &w->cuts, w->error));
     UMB__TRY(begin_pages(w));
     UMB__TRY(create_workers(w));
     return make_rounds(w);
@@ -589,6 +612,31 @@ static enum umb_status check_roots(const struct umb__content *content,
     return UMB_OK;
 }
 
+/* Hands all pages to the caller. */
+static enum umb_status tell_pages(const struct writer *w)
+{
+    struct umb__kept_page *pages =
+        w->job->made ? umb__alloc(w->alloc, (size_t)w->page_count + 1, sizeof *pages) : NULL;
+    if (!w->job->made) {
+        return UMB_OK;
+    }
+    if (!pages) {
+        return no_memory(w->error);
+    }
+    for (uint32_t i = 0; i < w->page_count; i++) {
+        pages[i] = (struct umb__kept_page){
+            .page = i < w->cuts.top_count ? (struct umb__pack_page){0} : w->pages[i],
+            .entry = w->entries + (size_t)i * UMB__PAGE_ENTRY,
+            .stored = w->made[i].stored,
+            .cuts = w->made[i].cuts,
+            .cut_count = (uint32_t)w->made[i].cut_count,
+        };
+    }
+    w->job->made(w->job->made_user, &w->cuts, pages, w->page_count);
+    umb__free(w->alloc, pages);
+    return UMB_OK;
+}
+
 static enum umb_status write_asset(struct writer *w, uint8_t id[UMB_ID_BYTES])
 {
     UMB__TRY(check_content(w->job->content, w->error));
@@ -598,7 +646,8 @@ static enum umb_status write_asset(struct writer *w, uint8_t id[UMB_ID_BYTES])
         return no_memory(w->error);
     }
     UMB__TRY(encode_canonical(w));
-    return write_file(w, id);
+    UMB__TRY(write_file(w, id));
+    return tell_pages(w);
 }
 
 enum umb_status umb__pack_run(const struct umb__pack_job *job, uint8_t id[UMB_ID_BYTES],

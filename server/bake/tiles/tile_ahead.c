@@ -26,9 +26,11 @@ struct umbb_tile_ahead {
     struct umbu_threads *threads;
     const struct umbb_depth *depth;
     struct umbb_tile_shape shape;
-    uint32_t first, end; /* tiles of the group; empty at first */
-    size_t max_bytes;    /* of one tile */
-    atomic_int ended;    /* 1: tiles of the group that were not begun are left out */
+    uint32_t frustum;
+    const struct umbb_base *base; /* NULL: none */
+    uint32_t first, end;          /* tiles of the group; empty at first */
+    size_t max_bytes;             /* of one tile */
+    atomic_int ended;             /* 1: tiles of the group that were not begun are left out */
     struct slot slots[GROUP];
 };
 
@@ -59,9 +61,12 @@ void umbb_tile_ahead_destroy(struct umbb_tile_ahead *ahead)
 }
 
 void umbb_tile_ahead_begin(struct umbb_tile_ahead *ahead, const struct umbb_depth *depth,
-                           const struct umbb_tile_shape *shape)
+                           const struct umbb_tile_shape *shape, uint32_t frustum,
+                           const struct umbb_base *base)
 {
     ahead->depth = depth;
+    ahead->frustum = frustum;
+    ahead->base = base;
     ahead->shape = *shape;
     ahead->first = ahead->end = 0;
     atomic_store(&ahead->ended, 0);
@@ -107,7 +112,12 @@ static void read_job(void *user, uint32_t slice, unsigned thread)
         return;
     }
     umbb_tile_key(ahead->depth, &ahead->shape, &place, slot->read.key);
-    read_result(ahead, slot);
+    slot->read.base = ahead->base != NULL ? umbb_base_find(ahead->base, ahead->frustum,
+                                                           place.number, slot->read.key)
+                                          : NULL;
+    if (slot->read.base == NULL) {
+        read_result(ahead, slot);
+    }
     atomic_store_explicit(&slot->is_done, 1, memory_order_release);
 }
 
@@ -132,6 +142,7 @@ static void start(struct umbb_tile_ahead *ahead, const struct umbb_tile_cache *c
         free(slot->read.bytes);
         slot->read.bytes = NULL;
         slot->read.is_whole = 0;
+        slot->read.base = NULL;
         slot->cache = *cache;
         slot->cache.damaged = 0;
         atomic_store(&slot->is_done, 0);

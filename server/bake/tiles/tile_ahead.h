@@ -12,6 +12,7 @@
  *     umbb_tile_ahead_destroy(ahead);
  */
 #include "bake/depth/depth.h"
+#include "bake/tiles/base_octree.h"
 #include "bake/tiles/tile_cache.h"
 #include "bake/tiles/tile_code.h"
 
@@ -25,6 +26,7 @@ struct umbb_tile_read {
     int is_whole; /* 1: a result was found and parsed; 0: there is none, it was damaged, or it was
                      larger than what a tile may take ahead */
     uint8_t *bytes;
+    const struct umbb_base_tile *base; /* the tile of the base; then nothing was read. NULL: none */
 };
 
 /* Fails: E_NO_MEMORY. In: threads: with the owner. */
@@ -32,9 +34,11 @@ UMB_CHECKED enum umb_status umbb_tile_ahead_create(unsigned threads, struct umbb
                                                    struct umb_error *error);
 void umbb_tile_ahead_destroy(struct umbb_tile_ahead *ahead); /* NULL is allowed */
 
-/* Starts a frustum. In: depth: a depth path with lists, borrowed until the end. */
+/* Starts a frustum. In: depth: a depth path with lists, borrowed until the end. base: tiles that
+ * need not be read, borrowed; NULL: none. */
 void umbb_tile_ahead_begin(struct umbb_tile_ahead *ahead, const struct umbb_depth *depth,
-                           const struct umbb_tile_shape *shape);
+                           const struct umbb_tile_shape *shape, uint32_t frustum,
+                           const struct umbb_base *base);
 
 /* Ends a frustum: waits for tiles that are being read, and leaves the others. */
 void umbb_tile_ahead_end(struct umbb_tile_ahead *ahead);

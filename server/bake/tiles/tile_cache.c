@@ -281,6 +281,15 @@ enum umb_status umbb_tile_cache_read(struct umbb_tile_cache *cache, const uint8_
     return status;
 }
 
+void umbb_tile_cache_touch(const struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES])
+{
+    char *path = path_of(cache, key);
+    if (path != NULL) {
+        (void)utimensat(AT_FDCWD, path, NULL, AT_SYMLINK_NOFOLLOW);
+    }
+    free(path);
+}
+
 void umbb_tile_cache_drop(struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES])
 {
     char *path = path_of(cache, key);

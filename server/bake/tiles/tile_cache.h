@@ -54,6 +54,9 @@ UMB_CHECKED enum umb_status umbb_tile_cache_read(struct umbb_tile_cache *cache,
                                                  uint8_t **bytes, size_t *size,
                                                  struct umb_error *error);
 
+/* Marks a result as used now, if it is there. */
+void umbb_tile_cache_touch(const struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES]);
+
 /* Removes a result that proved to be damaged. */
 void umbb_tile_cache_drop(struct umbb_tile_cache *cache, const uint8_t key[UMB_ID_BYTES]);
 

@@ -40,7 +40,8 @@ void umbb_tile_folder_frustum(struct umbb_tile_folder *tile_folder, uint32_t fru
     tile_folder->shape = *shape;
     tile_folder->first = (uint64_t)frustum << (2 * (shape->log2_size - shape->tile_log2));
     tile_folder->missed[0].number = tile_folder->missed[1].number = UINT32_MAX;
-    umbb_tile_ahead_begin(tile_folder->ahead, depth, shape);
+    tile_folder->frustum = frustum;
+    umbb_tile_ahead_begin(tile_folder->ahead, depth, shape, frustum, tile_folder->base);
     tile_folder->proof = tile_folder->proofs != NULL && tile_folder->proofs->frusta != NULL
                              ? &tile_folder->proofs->frusta[frustum]
                              : NULL;
@@ -69,11 +70,20 @@ static void turn_to(struct umbb_tile_folder *tile_folder, const struct umbb_tile
     tile_folder->shape.occluder_depth_y = (uint32_t)place->y0 / UMB__OCCLUDER_DEPTH_SIDE;
 }
 
-/* Notes a tile for the self-check. In: digest: SHA-256 of its result. */
+/* Notes a tile for the self-check and for the next bake's base. In: digest: SHA-256 of its
+ * result. */
 static enum umb_status note(struct umbb_tile_folder *tile_folder,
                             const struct umbb_tile_place *place, const uint8_t *key,
-                            const uint8_t *digest, struct umb_error *error)
+                            const uint8_t *digest, const struct umbb_tile_nodes *nodes,
+                            const struct umbb_tile_result *result, struct umb_error *error)
 {
+    if (tile_folder->base != NULL) {
+        struct umbb_tile_proof proof;
+        memcpy(proof.key, key, UMB_ID_BYTES);
+        memcpy(proof.result, digest, UMB_ID_BYTES);
+        UMB__TRY(umbb_base_note(tile_folder->base, tile_folder->frustum, place->number, &proof,
+                                result, nodes->runs, error));
+    }
     return tile_folder->proof == NULL ? UMB_OK
                                       : umbb_proofs_note(tile_folder->proof, tile_folder->depth,
                                                          place, key, digest, error);
@@ -103,7 +113,7 @@ static enum umb_status take(struct umbb_tile_folder *tile_folder,
         *found = status == UMB_OK;
         if (status == UMB_OK) {
             umbs_sha256_bytes(bytes, size, digest);
-            status = note(tile_folder, place, key, digest, error);
+            status = note(tile_folder, place, key, digest, nodes, result, error);
         } else if (status == UMB_E_CORRUPT) {
             umbb_tile_cache_drop(&tile_folder->cache, key);
             status = UMB_OK;
@@ -123,6 +133,11 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place,
     const struct umbb_tile_read *read = umbb_tile_ahead_get(tile_folder->ahead, &tile_folder->cache,
                                                             place->number, nodes->max_bytes);
     const uint8_t *key = read->key;
+    if (read->base != NULL) {
+        *found = 1;
+        UMB__TRY(umbb_base_take(tile_folder->base, read->base, nodes->runs, result, error));
+        return note(tile_folder, place, key, read->base->proof.result, nodes, result, error);
+    }
     if (read->is_whole && tile_folder->proof != NULL &&
         umbb_proofs_contradict(tile_folder->proof, place->number, key, read->digest)) {
         umbb_tile_cache_drop(&tile_folder->cache, key);
@@ -130,7 +145,7 @@ static enum umb_status find(void *user, const struct umbb_tile_place *place,
         *found = 1;
         UMB__TRY(umbb_tile_join(&tile_folder->shape, &read->parsed, nodes, &tile_folder->numbers,
                                 result, error));
-        return note(tile_folder, place, key, read->digest, error);
+        return note(tile_folder, place, key, read->digest, nodes, result, error);
     }
     UMB__TRY(take(tile_folder, place, key, nodes, result, found, error));
     if (*found) {
@@ -168,7 +183,7 @@ static enum umb_status keep(void *user, const struct umbb_tile_place *place,
     const uint8_t *key = tile_folder->missed[slot].key;
     if (status == UMB_OK) {
         umbs_sha256_bytes(bytes, size, digest);
-        noted = note(tile_folder, place, key, digest, error);
+        noted = note(tile_folder, place, key, digest, nodes, result, error);
         status = umbb_tile_cache_write(&tile_folder->cache, key, bytes, size, &cause);
     }
     free(bytes);

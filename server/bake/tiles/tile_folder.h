@@ -39,6 +39,8 @@ struct umbb_tile_folder {
     struct umb__pool_numbers numbers;  /* working memory */
     struct umbb_proofs *proofs;        /* where tiles are noted; its frusta are NULL: nowhere */
     struct umbb_frustum_proofs *proof; /* Proofs of the frustum; NULL: none */
+    struct umbb_base *base;            /* Octree of an earlier bake; NULL: none */
+    uint32_t frustum;
 };
 
 /* Opens the folder. In: threads: that read results, with the owner. Fails: as

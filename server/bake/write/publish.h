@@ -19,9 +19,13 @@
 struct umbb_publish {
     struct umbu_output file;
     unsigned threads; /* threads that write may use: 1 after begin, the caller may raise it */
+    const struct umb__pack_kept *kept; /* as in struct umb__pack_job, set by the caller: NULL */
+    void (*made)(void *user, const struct umb__pack_cuts *cuts, const struct umb__kept_page *pages,
+                 uint32_t page_count);
+    void *made_user;
     uint8_t id[UMB_ID_BYTES];
     uint64_t bytes;              /* size of the file */
-    struct umb_asset_info info;  /* set by check; its strings are freed */
+    struct umb_asset_info info;  /* set by check, without strings and sizes in memory */
     struct umbb_checked checked; /* set by check */
 };
 
@@ -40,10 +44,10 @@ UMB_CHECKED enum umb_status umbb_publish_write(struct umbb_publish *publish,
  * (write/page_compare.h) and its identity with the one written, and traces rays.
  *
  * With many lights each gets fewer points, but not fewer than 20000 (or the requested number).
- * In:    octree: as for umbb_publish_write. It is taken over if the file holds it; finish it
- *        anyway.
+ * In:    octree: as for umbb_publish_write. It may be taken over; finish it anyway. check: with
+ *        records, only the tiles that were not inherited are laid out (write/octree_part.h).
  * Fails: E_INTERNAL if the file differs from what was written; E_LIMIT if opening takes more than
- *        max_memory_bytes; the errors of umbb_self_check, and other failures of opening.
+ *        max_memory_bytes; the errors of umbb_self_check_part, and other failures of opening.
  */
 UMB_CHECKED enum umb_status umbb_publish_check(struct umbb_publish *publish,
                                                struct umb__octree *octree,

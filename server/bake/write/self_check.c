@@ -72,20 +72,29 @@ static enum umb_status compare_points(const struct umb_asset *asset, const struc
     return status;
 }
 
-enum umb_status umbb_self_check(const struct umb_asset *asset, const struct umbb_check *check,
-                                struct umbb_checked *checked, struct umb_error *error)
+/* Says what a signal leaves. */
+static enum umb_status explain(enum umb_status status, struct umb_error *error)
 {
-    struct umb_asset_info info;
-    enum umb_status status = UMB_OK;
-    int sample = 1;
-    *checked = (struct umbb_checked){.sampled = 0};
-    umb_asset_get_info(asset, &info);
-    if (check->proofs != NULL) {
-        status = umbb_squares_check(asset, check, checked, &sample, error);
-    }
-    if (status == UMB_OK && sample) {
-        status = compare_points(asset, check, info.light_count, checked, error);
-    }
     return status == UMB_E_CANCELLED ? umb_fail(error, status, "interrupted: nothing was written")
                                      : status;
+}
+
+enum umb_status umbb_self_check_part(const struct umb_asset *asset, const struct umbb_check *check,
+                                     struct umbb_checked *checked, int *sample,
+                                     struct umb_error *error)
+{
+    *checked = (struct umbb_checked){.sampled = 0};
+    *sample = 1;
+    return check->proofs == NULL
+               ? UMB_OK
+               : explain(umbb_squares_check(asset, check, checked, sample, error), error);
+}
+
+enum umb_status umbb_self_check_points(const struct umb_asset *asset,
+                                       const struct umbb_check *check, struct umbb_checked *checked,
+                                       struct umb_error *error)
+{
+    struct umb_asset_info info;
+    umb_asset_get_info(asset, &info);
+    return explain(compare_points(asset, check, info.light_count, checked, error), error);
 }

@@ -43,15 +43,27 @@ struct umbb_checked {
 uint64_t umbb_check_points(uint64_t points, uint32_t lights);
 
 /*
- * Compares an asset with traced rays.
+ * Compares the part of an asset that no earlier bake compared.
  *
- * Out:   checked: also set on failure, as far as known. check->proofs: records of this bake.
+ * In:    asset: needs the voxels of tiles that were not inherited, and of the eight tiles around
+ *        each of them (write/octree_part.h).
+ * Out:   checked: zeroed first; also set on failure, as far as known. check->proofs: records of
+ *        this bake. sample: 1 if random points must be compared, too: there are no records, or too
+ *        much is to be compared.
  * Fails: E_INTERNAL if the asset disagrees with rays outside the band of one voxel (how many, and
  *        where), E_BAD_SCENE if it disagrees with open_on_word parts; E_NO_MEMORY, E_CANCELLED, and
  *        the errors of umbr_rays_build.
  */
-UMB_CHECKED enum umb_status umbb_self_check(const struct umb_asset *asset,
-                                            const struct umbb_check *check,
-                                            struct umbb_checked *checked, struct umb_error *error);
+UMB_CHECKED enum umb_status umbb_self_check_part(const struct umb_asset *asset,
+                                                 const struct umbb_check *check,
+                                                 struct umbb_checked *checked, int *sample,
+                                                 struct umb_error *error);
+
+/* Compares random points of a whole asset, and notes them in check->proofs. Out: checked: as
+ * umbb_self_check_part left it, with the points added. Fails: as umbb_self_check_part. */
+UMB_CHECKED enum umb_status umbb_self_check_points(const struct umb_asset *asset,
+                                                   const struct umbb_check *check,
+                                                   struct umbb_checked *checked,
+                                                   struct umb_error *error);
 
 #endif

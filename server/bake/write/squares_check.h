@@ -10,7 +10,7 @@
  *
  * Out:   sample: 1 if the squares are too many, or could not be judged: the random check is needed.
  *        The digests of squares are in check->proofs then, without a comparison.
- * Fails: as umbb_self_check.
+ * Fails: as umbb_self_check_part.
  */
 UMB_CHECKED enum umb_status umbb_squares_check(const struct umb_asset *asset,
                                                const struct umbb_check *check,

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include "bake/write/octree_part.h"
 #include "planted_scene.h"
 #include "rays/rays.h"
 #include "rays/verify_squares.h"
@@ -23,6 +24,57 @@ static void bake_before(struct planted *p)
     assert_int_equal(umbb_publish_commit(&bake.publish, &bake.error), UMB_OK);
     assert_int_equal(umbb_proofs_keep(&bake.proofs, &bake.error), UMB_OK);
     planted_bake_finish(&bake);
+}
+
+/* Compares every third column of a part with the octree. */
+static void compare_part(const struct umb__octree *octree, const struct umb__octree *part,
+                         const struct umbb_frustum_proofs *proofs)
+{
+    const uint32_t size = 1U << proofs->log2_size, across = size >> proofs->tile_log2;
+    for (uint32_t y = 0; y < size; y += 3) {
+        for (uint32_t x = 0; x < size; x += 3) {
+            const uint32_t tx = x >> proofs->tile_log2, ty = y >> proofs->tile_log2;
+            int wanted = 0;
+            for (uint32_t t = 0; t < across * across; t++) {
+                wanted |= !proofs->inherited[t] && t % across + 1 >= tx && t % across <= tx + 1 &&
+                          t / across + 1 >= ty && t / across <= ty + 1;
+            }
+            for (uint32_t z = 0; z < size && wanted; z++) {
+                assert_int_equal(octree_voxel(part, x, y, z), octree_voxel(octree, x, y, z));
+            }
+        }
+    }
+}
+
+static void the_part_has_the_voxels_of_changed_tiles_and_those_around_them(void **state)
+{
+    (void)state;
+    struct planted p;
+    struct soup random;
+    planted_init(&p, 0);
+    soup_init(&random, 1, 802);
+    for (int round = 0; round < 6; round++) {
+        uint8_t inherited[256];
+        struct umbb_frustum_proofs one = {.log2_size = PLANTED_LOG2,
+                                          .tile_log2 = 4 + (uint32_t)round % 2,
+                                          .inherited = inherited};
+        const struct umbb_proofs proofs = {.frusta = &one, .frustum_count = 1};
+        struct umb__octree part;
+        struct umb_error error;
+        one.tile_count = (size_t)1 << 2 * (PLANTED_LOG2 - one.tile_log2);
+        memset(inherited, 1, sizeof inherited);
+        assert_true(umbb_octree_part_pays(&proofs));
+        for (int i = 0; i < round; i++) {
+            inherited[soup_bits(&random) % one.tile_count] = 0;
+        }
+        assert_int_equal(umbb_octree_part(&p.after.truth, &proofs, &part, &error), UMB_OK);
+        compare_part(&p.after.truth, &part, &one);
+        assert_true(part.brick_count < p.after.truth.brick_count);
+        umb__octree_finish(&part);
+        memset(inherited, 0, sizeof inherited);
+        assert_false(umbb_octree_part_pays(&proofs));
+    }
+    planted_finish(&p);
 }
 
 static void it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again(void **state)
@@ -126,6 +178,7 @@ static void without_one_both_agree(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_part_has_the_voxels_of_changed_tiles_and_those_around_them),
         cmocka_unit_test(it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again),
         cmocka_unit_test(a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all),
         cmocka_unit_test(without_one_both_agree),

@@ -235,7 +235,7 @@ static uint32_t compare_cuts(const struct umb__octree *octree, const struct umb_
         bytes = slow_cut(&s, 98304);
         ++*shared;
     }
-    assert_int_equal(umb__pack_cut(octree, &survey, workers, 0, &cuts, NULL), UMB_OK);
+    assert_int_equal(umb__pack_cut(octree, &survey, workers, 0, NULL, &cuts, NULL), UMB_OK);
     assert_int_equal(cuts.page_bytes, s.page);
     for (uint32_t level = 4; level < LEVELS; level++) {
         for (uint32_t i = 0; i < octree->level[level].count; i++) {
