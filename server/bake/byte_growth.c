@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * See byte_growth.h. The constants were fitted to 96 bakes of 50 scenes at 8192 and 16384 voxels
- * (docs/results/effects.md).
+ * See byte_growth.h. The constants of nodes were fitted to 96 bakes of 50 scenes, those of pages to
+ * 88 bakes of 44 scenes (docs/results/effects.md).
  */
 #include "bake/byte_growth.h"
 
@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "format/content.h"
+#include "format/layout.h"
 
 /* Share of a level's last change of growth that goes on. */
 #define GROWTH_TREND 0.3
@@ -17,10 +18,24 @@
 #define GROWTH_MIN 1.0
 #define GROWTH_MAX 4.0 /* areas */
 
-/* The density is the number of packed bytes for each estimated byte of nodes. DENSITY_TREND: share
- * of its last change that continues at each doubling. */
+/* The density is the number of bytes of the file for each estimated byte in pages. Share of its
+ * last change that continues at each doubling. */
 #define DENSITY_TREND 0.8
-#define DENSITY_MIN   0.4
+
+/* Small pages: growth of the logarithm of the copies with each doubling, as a share of the last
+ * growth and of the last fall of the density. Nodes that compress better and better repeat
+ * themselves, so pages share more of them. */
+#define COPIES_TREND 0.75
+#define COPIES_FALL  1.3
+/* Logarithm of the factor around UMB__PAGE_COPIES_MAX within which either size of pages is likely.
+ * The forecast is then between the two. */
+#define COPIES_BAND 0.2
+
+/* Factors between a forecast and the bytes, in tenths: at one doubling, and for each further one.
+ * With two samples: a factor for each doubling. */
+#define FACTOR_FIRST 14
+#define FACTOR_NEXT  2
+#define FACTOR_FEW   1.7
 
 /* Limit of the growth of the ratio of bytes, closed rule to open rule, in a doubling. The closed
  * rule saves about the same share or more at each doubling. */
@@ -100,17 +115,49 @@ double umbb_level_bytes_sum(const struct umbb_costs *costs)
     return fmax(sum, 1.0);
 }
 
-/* Packed bytes of one rule: the bytes of a file for each byte of nodes follow their trend. */
-static double packed_bytes(const struct umbb_growth_samples *samples, uint32_t doublings)
+/* Pages of one size at the last two samples. */
+struct pages {
+    struct umbb_page_costs before, now;
+    double density, change; /* density of the last sample; its factor over the last doubling */
+};
+
+static struct pages pages_of(const struct umbb_growth_samples *samples, int large)
 {
     const struct umbb_costs *now = last_of(samples), *before = before_of(samples);
-    double sum = now->packed_bytes / umbb_level_bytes_sum(now);
-    double trend = sum - before->packed_bytes / umbb_level_bytes_sum(before);
+    struct pages pages = {.before = large ? before->large_pages : before->small_pages,
+                          .now = large ? now->large_pages : now->small_pages};
+    if (pages.now.bytes > 0.0 && pages.before.bytes > 0.0) {
+        const double old =
+            pages.before.bytes / (pages.before.copies * umbb_level_bytes_sum(before));
+        pages.density = pages.now.bytes / (pages.now.copies * umbb_level_bytes_sum(now));
+        pages.change = pages.density / old;
+    }
+    return pages;
+}
+
+/* Bytes of a file in pages of one size, for its bytes of nodes. */
+static double file_bytes(const struct pages *pages, double nodes, uint32_t doublings)
+{
+    double copies = pages->now.copies, density = pages->density, trend = 1.0;
     for (uint32_t i = 0; i < doublings; i++) {
         trend *= DENSITY_TREND;
-        sum += trend;
+        copies *= pages->now.copies / pages->before.copies;
+        density *= pow(pages->change, trend);
     }
-    return level_bytes(samples, doublings) * fmax(sum, DENSITY_MIN);
+    return nodes * copies * density;
+}
+
+/* Share of large pages in the forecast: 0 or 1 where the size of the pages is certain. */
+static double large_share(const struct pages *small, uint32_t doublings)
+{
+    if (!(small->density > 0.0)) {
+        return 1.0;
+    }
+    const double growth = COPIES_TREND * log(small->now.copies / small->before.copies) -
+                          COPIES_FALL * log(small->change);
+    const double copies =
+        log(small->now.copies / UMB__PAGE_COPIES_MAX) + fmax(0.0, growth * doublings);
+    return fmin(fmax(0.5 + copies / (2.0 * COPIES_BAND), 0.0), 1.0);
 }
 
 /* Continues the ratio of closed to open bytes. */
@@ -134,18 +181,24 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
     return (struct umbb_rule_bytes){bytes, bytes * ratio_after(before, now, doublings)};
 }
 
-double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings)
+double umbb_growth_packed(const struct umbb_growth_samples *samples, uint32_t doublings)
 {
-    return packed_bytes(samples, doublings);
+    const double nodes = level_bytes(samples, doublings);
+    const struct pages small = pages_of(samples, 0), large = pages_of(samples, 1);
+    const double share = large_share(&small, doublings);
+    const double in_large = file_bytes(&large, nodes, doublings);
+    if (share >= 1.0) {
+        return in_large;
+    }
+    const double in_small = fmax(file_bytes(&small, nodes, doublings), in_large);
+    return in_small * pow(in_large / in_small, share);
 }
 
-struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
-                                          const struct umbb_growth_samples *closed,
-                                          uint32_t doublings)
+double umbb_growth_packed_factor(uint32_t samples, uint32_t doublings)
 {
-    const double bytes = packed_bytes(open, doublings);
-    const double ratio =
-        ratio_after(before_of(closed)->packed_bytes / before_of(open)->packed_bytes,
-                    last_of(closed)->packed_bytes / last_of(open)->packed_bytes, doublings);
-    return (struct umbb_rule_bytes){bytes, bytes * ratio};
+    if (doublings == 0) {
+        return 1.0;
+    }
+    return samples > 2 ? (FACTOR_FIRST + FACTOR_NEXT * (doublings - 1)) / 10.0
+                       : pow(FACTOR_FEW, doublings);
 }

@@ -9,7 +9,9 @@
  * under the closed and the open rule is continued in the same way, because it changes more steadily
  * than the bytes of either. Both forecasts use no function of libm, because ids depend on them.
  *
- * Packed bytes add the bytes of the file for each byte of nodes, which follow their own trend.
+ * The bytes of a file are a product: bytes of nodes, each once; copies of nodes that several pages
+ * need; bytes of the file for each byte in its pages. The factors are continued for small and for
+ * large pages. The copies of small pages decide which of the two the file will have.
  */
 #include "bake/small_bake.h"
 
@@ -30,12 +32,11 @@ struct umbb_rule_bytes umbb_growth_nodes(const struct umbb_growth_samples *open,
                                          uint32_t doublings);
 
 /* Forecasts the packed bytes of one rule. In: samples with packed bytes. */
-double umbb_growth_packed_alone(const struct umbb_growth_samples *samples, uint32_t doublings);
+double umbb_growth_packed(const struct umbb_growth_samples *samples, uint32_t doublings);
 
-/* Forecasts the packed bytes of both rules. In: samples with packed bytes. */
-struct umbb_rule_bytes umbb_growth_packed(const struct umbb_growth_samples *open,
-                                          const struct umbb_growth_samples *closed,
-                                          uint32_t doublings);
+/* Returns a factor: the packed bytes are between a forecast divided by it and multiplied by it. The
+ * factor is measured, not proven (docs/results/effects.md). */
+double umbb_growth_packed_factor(uint32_t samples, uint32_t doublings);
 
 /* Sum of the estimated bytes of all levels, at least 1. */
 double umbb_level_bytes_sum(const struct umbb_costs *costs);

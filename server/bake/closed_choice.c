@@ -103,7 +103,7 @@ enum umb_status umbb_packed_forecast(const struct umbb_small_job *job, double *b
     UMB__TRY(bake_samples(&samples, closed, 0, error));
     const struct umbb_growth_samples grown = {samples.costs[closed], samples.count};
     *bytes = samples.count == 1 ? grown.costs->packed_bytes
-                                : umbb_growth_packed_alone(&grown, log2_size - samples.last_log2);
+                                : umbb_growth_packed(&grown, log2_size - samples.last_log2);
     return umbb_small_fit(job, log2_size, error);
 }
 
@@ -148,13 +148,16 @@ static void make_price(const struct samples *samples, double depth_bytes,
     } else {
         nodes = umbb_growth_nodes(&open, &closed, doublings);
         if (samples->job->packed) {
-            packed = umbb_growth_packed(&open, &closed, doublings);
+            packed = (struct umbb_rule_bytes){umbb_growth_packed(&open, doublings),
+                                              umbb_growth_packed(&closed, doublings)};
         }
     }
     *price = (struct umbb_closed_price){.known = 1,
                                         .exact = samples->count == 1 && !(depth_bytes > 0.0),
                                         .sample_log2 = samples->last_log2,
                                         .saved = 1.0 - (nodes.closed + depth_bytes) / nodes.open,
+                                        .factor =
+                                            umbb_growth_packed_factor(samples->count, doublings),
                                         .open_bytes = packed.open,
                                         .closed_bytes = packed.closed + depth_bytes};
 }
@@ -169,8 +172,8 @@ enum umb_status umbb_closed_choose(const struct umbb_small_job *job, struct umb_
     }
     choose_samples(&samples, job->options->resolution_log2);
     UMB__TRY(bake_samples(&samples, 0, 0, error));
-    /* Of the closed rule only the ratio to the open one is continued. */
-    UMB__TRY(bake_samples(&samples, 1, samples.count > 2 ? 1 : 0, error));
+    /* Of the closed rule's nodes only the ratio to the open one's is continued. */
+    UMB__TRY(bake_samples(&samples, 1, samples.count > 2 && !job->packed ? 1 : 0, error));
     UMB__TRY(find_depth_bytes(job, &depth_bytes, error));
     make_price(&samples, depth_bytes, &analysis->closed_price);
     UMB__TRY(umbb_small_fit(job, job->options->resolution_log2, error));

@@ -9,6 +9,8 @@
 #include "base/try.h"
 #include "common/sha256.h"
 #include "format/content.h"
+#include "format/layout.h"
+#include "format/pack_cut.h"
 #include "format/pack_survey.h"
 #include "tool/clock.h"
 
@@ -40,9 +42,18 @@ static enum umb_status count_bytes(void *user, const void *bytes, size_t count)
     return UMB_OK;
 }
 
-/* Packs an octree without writing it, for its size. */
+static void take_cuts(void *user, const struct umb__pack_cuts *cuts,
+                      const struct umb__kept_page *pages, uint32_t page_count)
+{
+    (void)pages;
+    (void)page_count;
+    *(double *)user = cuts->copies;
+}
+
+/* Packs an octree without writing it, for its costs. page_bytes: as in umb__pack_job. */
 static enum umb_status pack(const struct umbb_small_job *job, const struct umb__octree *octree,
-                            double *bytes, struct umb_error *error)
+                            uint32_t page_bytes, struct umbb_page_costs *costs,
+                            struct umb_error *error)
 {
     static char nothing[] = "";
     const struct umb__content content = {
@@ -54,12 +65,35 @@ static enum umb_status pack(const struct umbb_small_job *job, const struct umb__
         .plan = nothing,
         .settings = nothing,
     };
-    const struct umb_sink sink = {count_bytes, bytes};
-    const struct umb__pack_job pack = {
-        .content = &content, .octree = octree, .sha256 = &umbs_sha256, .sink = &sink};
+    const struct umb_sink sink = {count_bytes, &costs->bytes};
+    const struct umb__pack_job pack = {.content = &content,
+                                       .octree = octree,
+                                       .sha256 = &umbs_sha256,
+                                       .sink = &sink,
+                                       .made = take_cuts,
+                                       .made_user = &costs->copies,
+                                       .page_bytes = page_bytes};
     uint8_t id[UMB_ID_BYTES];
-    *bytes = 0;
+    costs->bytes = 0;
     return umb__pack_run(&pack, id, error);
+}
+
+/* Packs into large pages, and into small ones unless their copies are too many. */
+static enum umb_status pack_both(const struct umbb_small_job *job, const struct umb__octree *octree,
+                                 const struct umb__pack_survey *survey, struct umbb_costs *costs,
+                                 struct umb_error *error)
+{
+    struct umb__pack_cuts cuts;
+    UMB__TRY(pack(job, octree, UMB__PAGE_BYTES_SHARED, &costs->large_pages, error));
+    const enum umb_status status = umb__pack_cut(octree, survey, NULL, 0, NULL, &cuts, error);
+    const int small = status == UMB_OK && cuts.page_bytes == UMB__PAGE_BYTES;
+    umb__pack_cuts_finish(&cuts);
+    UMB__TRY(status);
+    if (small) {
+        UMB__TRY(pack(job, octree, UMB__PAGE_BYTES, &costs->small_pages, error));
+    }
+    costs->packed_bytes = small ? costs->small_pages.bytes : costs->large_pages.bytes;
+    return UMB_OK;
 }
 
 /* Measures a baked octree. */
@@ -71,8 +105,10 @@ static enum umb_status measure(const struct umbb_small_job *job, const struct um
     for (uint32_t level = 0; level <= UMB_LEVEL_MAX; level++) {
         costs->level_bytes[level] = (double)survey.bytes[level];
     }
+    const enum umb_status status =
+        job->packed ? pack_both(job, octree, &survey, costs, error) : UMB_OK;
     umb__pack_survey_finish(&survey);
-    return job->packed ? pack(job, octree, &costs->packed_bytes, error) : UMB_OK;
+    return status;
 }
 
 enum umb_status umbb_small_bake(const struct umbb_small_job *job, uint32_t log2_size,

@@ -5,6 +5,12 @@
 #include "bake/analysis/analysis.h"
 #include "bake/memory_plan.h"
 
+/* Costs of packing into pages of one size. */
+struct umbb_page_costs {
+    double bytes;  /* bytes of the file; 0: unknown */
+    double copies; /* estimated bytes of the pages, over those of the nodes, each once */
+};
+
 /*
  * Costs of a bake. The bytes of levels and of first occluders depend on scene, lights, rule and
  * resolution alone. Packed bytes also depend on the machine's zstd, so nothing in an asset may
@@ -18,6 +24,9 @@ struct umbb_costs {
     double depth_bytes; /* map of first occluders; 0 unless the job asks for it */
     /* The rest is 0 unless the job asks for it: */
     double packed_bytes;
+    /* Packed into pages of UMB__PAGE_BYTES and of UMB__PAGE_BYTES_SHARED. The file has large pages
+     * if copies of small ones exceed UMB__PAGE_COPIES_MAX; small ones are then unknown. */
+    struct umbb_page_costs small_pages, large_pages;
 };
 
 struct umbb_small_job {

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks the plan's decisions about the closed rule. `make plan-scenes` bakes generated mixes of
 closed and open parts and the real scenes under both rules, and compares the bytes of the files with
-what `--plan` said. A scene fails if a forecast is wrong by more than a factor, or if the chosen
-rule has over a tenth more bytes than the other one.
+what `--plan` said. A scene fails if the bytes are outside the range that the plan states, or if the
+chosen rule has over a tenth more bytes than the other one. Forecasts that are off by more than
+--factor are counted.
 
     plan_scenes.py [--resolution 4096,16384] [--factor 1.3] [--only NAME,...] [--mixes-only]
 """
@@ -74,7 +75,7 @@ def judge(path, resolution, folder, factor):
     chosen = "parts" if plan["closed"] else "off"
     row = {"closed": plan["closed_parts"], "parts": plan["parts"], "open_bytes": sizes["off"],
            "closed_bytes": sizes["parts"], "chosen": "closed" if plan["closed"] else "open",
-           "seconds": seconds - rest, "bake": bakes[chosen]}
+           "seconds": seconds - rest, "bake": bakes[chosen], "off": 0}
     wrong = []
     price = plan.get("closed_price")
     if price is None:
@@ -85,8 +86,11 @@ def judge(path, resolution, folder, factor):
             row["said_" + key] = price[key]
             ratio = (price[key] + HEAD_BYTES) / sizes[rule]
             row["ratio_" + key] = ratio
-            if not 1 / factor <= ratio <= factor:
-                wrong.append(f"{key} x {ratio:.2f}")
+            row["off"] += not 1 / factor <= ratio <= factor
+            # The forecast leaves out the head, whose length an estimate of it changes a little.
+            stated = max(price["factor"], EXACT_FACTOR)
+            if not 1 / stated <= ratio <= stated:
+                wrong.append(f"{key} x {ratio:.2f}, beyond {stated:.2f}")
     if sizes[chosen] > BYTES_MAX * min(sizes.values()):
         wrong.append(f"chose {row['chosen']}")
     return row, wrong
@@ -94,6 +98,8 @@ def judge(path, resolution, folder, factor):
 
 # Bytes of plan, settings, notes and accuracy curve, which the forecast of the voxels leaves out.
 HEAD_BYTES = 1400
+# Bytes that were exact may differ by this factor: HEAD_BYTES is an estimate, and small files are mostly head.
+EXACT_FACTOR = 1.1
 
 
 def main():
@@ -104,7 +110,7 @@ def main():
     parser.add_argument("--mixes-only", action="store_true")
     options = parser.parse_args()
     only = [name for name in options.only.split(",") if name]
-    failed = 0
+    failed = off = 0
     print("| scene | resolution | closed parts | closed, bytes | said | open, bytes | said | saved | chosen | s | s of the bake | wrong |")
     print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
@@ -115,11 +121,12 @@ def main():
             for resolution in map(int, options.resolution.split(",")):
                 row, wrong = judge(path, resolution, folder, options.factor)
                 failed += bool(wrong)
+                off += row["off"]
                 said = {key: f"x {row['ratio_' + key]:.2f}" if "ratio_" + key in row else "" for key in ("open_bytes", "closed_bytes")}
                 print(f"| {name} | {resolution} | {row['closed']} of {row['parts']} | {row['closed_bytes']} | {said['closed_bytes']} "
                       f"| {row['open_bytes']} | {said['open_bytes']} | {100 * (1 - row['closed_bytes'] / row['open_bytes']):.1f} % "
                       f"| {row['chosen']} | {row['seconds']:.2f} | {row['bake']:.2f} | {'; '.join(wrong)} |", flush=True)
-    print(f"{failed} rows are wrong")
+    print(f"{failed} rows are wrong; {off} forecasts are off by more than {options.factor:g}")
     return failed > 0
 
 

@@ -34,7 +34,7 @@ while read -r kernel taps figure; do
     count=$(sed -n 's/.*Collected *: *\([0-9]*\).*/\1/p' "$folder/log")
     verdict=$(awk -v c="$count" -v p="$points" -v f="$figure" 'BEGIN {
         n = c / p; printf "%.1f instructions a point, expected %s: %s", n, f,
-        (n > 0 && n <= 1.03 * f) ? "ok" : "TOO MANY" }')
+        (n > 1.03 * f) ? "TOO MANY" : (n < 0.9 * f) ? "TOO FEW: measured something else, or update the table" : "ok" }')
     echo "$kernel, $taps taps: $verdict"
     case $verdict in *"ok") ;; *) failures=$((failures + 1)) ;; esac
 done <"$expected"

@@ -52,7 +52,8 @@ static void write_price(FILE *to, const struct umbb_closed_price *price)
     write_bytes(to, price->open_bytes);
     fputs(" open", to);
     if (!price->exact) {
-        fprintf(to, ", going by %u voxels a side", 1U << price->sample_log2);
+        fprintf(to, " (within a factor of %.1f), going by %u voxels a side", price->factor,
+                1U << price->sample_log2);
     }
 }
 
@@ -533,6 +534,7 @@ static void put_prices(struct umbu_json *json, const struct umbb_analysis *a)
         umbu_json_number(json, "saved", a->closed_price.saved);
         umbu_json_number(json, "closed_bytes", rint(a->closed_price.closed_bytes));
         umbu_json_number(json, "open_bytes", rint(a->closed_price.open_bytes));
+        umbu_json_number(json, "factor", a->closed_price.factor);
         umbu_json_bool(json, "exact", a->closed_price.exact);
         umbu_json_end(json, '}');
     }

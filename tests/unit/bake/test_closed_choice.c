@@ -13,6 +13,13 @@
 #include "bake/byte_growth.h"
 #include "bake/plan_choices.h"
 
+/* Sets the costs of pages that take `density` bytes of the file for each of their bytes. */
+static void set_pages(struct umbb_page_costs *pages, const struct umbb_costs *costs, double density,
+                      double copies)
+{
+    *pages = (struct umbb_page_costs){density * copies * umbb_level_bytes_sum(costs), copies};
+}
+
 /* Makes costs at three resolutions from 2^10 on, in which every level grows by `growth`. */
 static void make_costs(struct umbb_costs costs[3], double first, double growth, double density)
 {
@@ -22,7 +29,8 @@ static void make_costs(struct umbb_costs costs[3], double first, double growth, 
         for (uint32_t level = UMB_LEVEL_BRICK; level <= 10 + i; level++, bytes /= growth) {
             costs[i].level_bytes[level] = bytes;
         }
-        costs[i].packed_bytes = density * umbb_level_bytes_sum(&costs[i]);
+        set_pages(&costs[i].small_pages, &costs[i], density, 1.1);
+        set_pages(&costs[i].large_pages, &costs[i], density, 1.0);
     }
 }
 
@@ -48,11 +56,10 @@ static void steady_growth_is_continued(void **state)
             make_costs(closed, 5e4, rates[i], 0.8);
             const double expected = sum_at(1e5, rates[i], 2 + doublings, 10 + doublings);
             const struct umbb_rule_bytes nodes = umbb_growth_nodes(&a, &b, doublings);
-            const struct umbb_rule_bytes packed = umbb_growth_packed(&a, &b, doublings);
             assert_true(fabs(nodes.open / expected - 1.0) < 1e-3); /* the levels near the root */
             assert_true(fabs(nodes.closed / nodes.open - 0.5) < 1e-9);
-            assert_true(fabs(packed.open / (0.8 * nodes.open) - 1.0) < 1e-9);
-            assert_true(fabs(packed.closed / packed.open - 0.5) < 1e-9);
+            assert_true(fabs(umbb_growth_packed(&a, doublings) / (0.88 * nodes.open) - 1) < 1e-9);
+            assert_true(fabs(umbb_growth_packed(&b, doublings) / (0.88 * nodes.closed) - 1) < 1e-3);
             assert_true(fabs(umbb_growth_nodes(&few, &few, doublings).open / expected - 1) < 1e-3);
         }
     }
@@ -73,17 +80,56 @@ static void ratio_of_the_rules_is_continued(void **state)
     assert_true(nodes.closed / nodes.open > last * 0.37);
 }
 
-/* A file that took ever more bytes for each byte of nodes goes on to do so, but less. */
+/* The density of a file's pages goes on to change, but less. */
 static void a_trend_of_the_density_is_continued(void **state)
 {
     struct umbb_costs costs[3];
     const struct umbb_growth_samples samples = {costs, 3};
     (void)state;
     make_costs(costs, 1e5, 2.5, 0.9);
-    const double steady = umbb_growth_packed_alone(&samples, 1);
-    costs[1].packed_bytes *= 0.8 / 0.9;
-    const double rising = umbb_growth_packed_alone(&samples, 1);
-    assert_true(rising > 1.05 * steady && rising < 1.1 * steady);
+    const double steady = umbb_growth_packed(&samples, 1);
+    costs[1].small_pages.bytes *= 0.8 / 0.9;
+    costs[1].large_pages.bytes *= 0.8 / 0.9;
+    const double rising = umbb_growth_packed(&samples, 1);
+    assert_true(rising > 1.05 * steady && rising < 1.125 * steady);
+}
+
+/* Copies double with each doubling. Above the limit of copies the file has large pages. */
+static void copies_decide_the_size_of_the_pages(void **state)
+{
+    static const double last[] = {1.04, 1.2, 1.9, 0.0};
+    struct umbb_costs costs[3];
+    const struct umbb_growth_samples samples = {costs, 3};
+    (void)state;
+    for (size_t i = 0; i < sizeof last / sizeof last[0]; i++) {
+        make_costs(costs, 1e5, 2.5, 0.5);
+        const double nodes = umbb_growth_nodes(&samples, &samples, 1).open;
+        set_pages(&costs[1].small_pages, &costs[1], 0.5, 1.0);
+        set_pages(&costs[2].small_pages, &costs[2], 0.5, last[i]);
+        const double density = umbb_growth_packed(&samples, 1) / nodes;
+        /* Small pages: two doublings of copies. Large ones have none. */
+        const double small = 0.5 * last[i] * last[i];
+        assert_true(fabs(density / (i < 2 ? small : 0.5) - 1.0) < 1e-9);
+    }
+    /* In between, so is the forecast. */
+    make_costs(costs, 1e5, 2.5, 0.5);
+    const double nodes = umbb_growth_nodes(&samples, &samples, 1).open;
+    set_pages(&costs[1].small_pages, &costs[1], 0.5, 1.2);
+    set_pages(&costs[2].small_pages, &costs[2], 0.5, 1.5);
+    const double density = umbb_growth_packed(&samples, 1) / nodes;
+    assert_true(density > 0.55 && density < 0.9);
+}
+
+/* The farther a forecast reaches, the wider its range. */
+static void range_grows_with_the_doublings(void **state)
+{
+    (void)state;
+    assert_true(umbb_growth_packed_factor(1, 0) == 1.0);
+    for (uint32_t doublings = 1; doublings <= 4; doublings++) {
+        const double factor = umbb_growth_packed_factor(3, doublings);
+        assert_true(factor > umbb_growth_packed_factor(3, doublings - 1));
+        assert_true(factor < umbb_growth_packed_factor(2, doublings));
+    }
 }
 
 /* A cube over an open square. */
@@ -226,6 +272,8 @@ int main(void)
         cmocka_unit_test(steady_growth_is_continued),
         cmocka_unit_test(ratio_of_the_rules_is_continued),
         cmocka_unit_test(a_trend_of_the_density_is_continued),
+        cmocka_unit_test(copies_decide_the_size_of_the_pages),
+        cmocka_unit_test(range_grows_with_the_doublings),
         cmocka_unit_test(rule_is_chosen_by_the_bytes_that_it_saves),
         cmocka_unit_test(choice_depends_on_no_thread_or_memory),
     };
