@@ -152,14 +152,14 @@ static void make_price(const struct samples *samples, double depth_bytes,
                                               umbb_growth_packed(&closed, doublings)};
         }
     }
-    *price = (struct umbb_closed_price){.known = 1,
-                                        .exact = samples->count == 1 && !(depth_bytes > 0.0),
-                                        .sample_log2 = samples->last_log2,
-                                        .saved = 1.0 - (nodes.closed + depth_bytes) / nodes.open,
-                                        .factor =
-                                            umbb_growth_packed_factor(samples->count, doublings),
-                                        .open_bytes = packed.open,
-                                        .closed_bytes = packed.closed + depth_bytes};
+    *price =
+        (struct umbb_closed_price){.known = 1,
+                                   .exact = samples->count == 1 && !(depth_bytes > 0.0),
+                                   .sample_log2 = samples->last_log2,
+                                   .saved = 1.0 - (nodes.closed + depth_bytes) / nodes.open,
+                                   .factor = umbb_growth_packed_factor(samples->count, doublings),
+                                   .open_bytes = packed.open,
+                                   .closed_bytes = packed.closed + depth_bytes};
 }
 
 enum umb_status umbb_closed_choose(const struct umbb_small_job *job, struct umb_error *error)

@@ -37,7 +37,7 @@ struct umbb_closed_price {
     int exact;            /* 1: the bytes are those of bakes at the wanted resolution */
     uint32_t sample_log2; /* otherwise log2 of the voxels a side of the largest sample */
     double saved;         /* share of the nodes' bytes that the rule saves; may be negative */
-    double factor; /* the bytes are within this factor of the forecast; 1: exact */
+    double factor;        /* the bytes are within this factor of the forecast; 1: exact */
     double open_bytes, closed_bytes; /* packed bytes under each rule; 0: not asked for */
 };
 
