@@ -88,8 +88,8 @@ static enum umb_status expand_page(struct matching *m, struct helper *helper, ui
     return umb__page_open(raw, &entry, &m->pages[page], &helper->error);
 }
 
-/* Compares the hashes of expanded pages with those of the directory: the writer takes hashes of kept
- * pages over. */
+/* Compares the hashes of expanded pages with those of the directory. The writer takes the hashes of
+ * kept pages over. */
 static enum umb_status compare_hashes(const struct matching *m, struct helper *helper,
                                       uint32_t begin, uint32_t end)
 {
