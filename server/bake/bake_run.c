@@ -508,6 +508,10 @@ static enum umb_status write_asset(struct run *run, struct umb_error *error)
     free(content.curve);
     umbb_base_release(&run->base);
     run->report.seconds_write = umbu_clock_s() - start;
+    if (status == UMB_E_CORRUPT && run->base.is_loaded) {
+        return umb_fail(error, UMB_E_INTERNAL,
+                        "--cache: the kept octree is false and was removed: bake again");
+    }
     return status;
 }
 
@@ -549,6 +553,14 @@ static void keep_proofs(const struct run *run)
     }
 }
 
+/* 1 if what was written may be the cause of a failure: then the next bake shall begin without the
+ * base. Pages that were taken over from it may be unreadable, or larger than memory. */
+static int is_of_content(enum umb_status status)
+{
+    return status == UMB_E_INTERNAL || status == UMB_E_CORRUPT || status == UMB_E_VERSION ||
+           status == UMB_E_LIMIT || status == UMB_E_TOO_LARGE;
+}
+
 static enum umb_status bake_and_publish(struct run *run, struct umb_error *error)
 {
     UMB__TRY(umbb_publish_begin(&run->publish, run->options->output, error));
@@ -560,6 +572,8 @@ static enum umb_status bake_and_publish(struct run *run, struct umb_error *error
     if (status == UMB_E_INTERNAL) {
         /* So that the next bake does not find a wrong tile again. */
         umbb_proofs_refuse(&run->proofs);
+    }
+    if (is_of_content(status)) {
         umbb_base_drop(&run->base);
     }
     UMB__TRY(status);

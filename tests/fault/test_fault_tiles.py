@@ -6,6 +6,7 @@ way we know, for a bake that only caches there and for `umbrage-bake tile`, with
 
 - a bake that caches has made its asset, the right one, unless the folder could not be opened at all;
 - tile ends with 0 or with a code and one sentence;
+- so does a bake that begins with the merged octree that the folder keeps;
 - the next run with the same folder makes the right asset, whatever the fault left there;
 - unless the process was killed, no temporary is in the folder.
 """
@@ -31,23 +32,27 @@ right = test.bake(scene, asset, *SETTINGS)["asset"]
 tiles = test.path("tiles")
 full = test.path("full")
 ut.run("umbrage-bake", "tile", scene, "-o", full, *SETTINGS)
+CHECKED = [1000 if word == 0 else word for word in SETTINGS]  # only a bake with a self-check keeps a base
+based = test.path("based")
+ut.run("umbrage-bake", scene, "-o", asset, "--cache", based, *CHECKED)
 
 COMMANDS = {
     "bake --cache": ["umbrage-bake", scene, "-o", asset, "--cache", tiles, "--json", *SETTINGS],
+    "bake with a base": ["umbrage-bake", scene, "-o", asset, "--cache", tiles, "--json", *CHECKED],
     "tile": ["umbrage-bake", "tile", scene, "-o", tiles, *SETTINGS],
 }
 
 
-def prepare(with_tiles):
+def prepare(name, with_tiles):
     shutil.rmtree(tiles, ignore_errors=True)
     if with_tiles:
-        shutil.copytree(full, tiles)
+        shutil.copytree(based if name == "bake with a base" else full, tiles)
     if os.path.exists(asset):
         os.remove(asset)
 
 
 def try_point(name, words, with_tiles, way, at, keep=False):
-    prepare(with_tiles)
+    prepare(name, with_tiles)
     end = sweep.run(words, CALLS, way, at, keep=keep, under=tiles)
     entries = os.listdir(tiles) if os.path.isdir(tiles) else []
     strays = [entry for entry in entries if entry.startswith(".tmp.")]
@@ -65,7 +70,8 @@ def try_point(name, words, with_tiles, way, at, keep=False):
                 f"a cache that fails is no reason to fail: {end}"
         elif name != "tile":
             assert json.loads(end.out)["asset"] == right, "another asset"
-    again = ut.run("umbrage-bake", scene, "-o", asset, "--cache", tiles, "--json", *SETTINGS)
+    settings = CHECKED if name == "bake with a base" else SETTINGS
+    again = ut.run("umbrage-bake", scene, "-o", asset, "--cache", tiles, "--json", *settings)
     assert json.loads(again.stdout)["asset"] == right, "another asset from what was left"
 
 
@@ -74,10 +80,11 @@ for name, words in COMMANDS.items():
         failures = fs.Failures()
         kind = "in a full folder" if with_tiles else "in an empty folder"
         with test.check(f"{name} {kind} survives faults of the folder"):
-            prepare(with_tiles)
+            prepare(name, with_tiles)
             whole = sweep.run(words, CALLS, "EIO", 0, under=tiles)
             assert whole.code == 0, str(whole)
             functions = [function for function, _, _ in whole.trace]
+            assert json.loads(whole.out)["tiles_of_base"] > 0 or not with_tiles if "base" in name else True, whole
             assert {"open" if with_tiles else "write"} <= set(functions), functions
             for way in SHORT_WAYS if fs.SHORT else WAYS:
                 for at in sweep.points(whole.calls, LIMIT):

@@ -62,11 +62,13 @@ static enum umb_status corrupt(struct umb_error *error, const char *what)
     return umb_fail(error, UMB_E_CORRUPT, "octree image: %s", what);
 }
 
-/* Loads the bricks. Returns false if one is uniform. */
+/* Loads the bricks. Returns false if one is uniform. The level has its count from the beginning, so
+ * that umb__pool_clear also clears the table of a level that fails. */
 static bool load_bricks(struct umb__pool *pool, const uint8_t *bytes, uint32_t count)
 {
     struct umb__pool_level *level = &pool->level[UMB_LEVEL_BRICK];
     uint32_t tags[AHEAD] = {0};
+    level->count = count;
     for (uint32_t i = 0; i < count + AHEAD; i++) {
         if (i >= AHEAD) {
             const uint32_t tag = tags[i % AHEAD];
@@ -87,7 +89,6 @@ static bool load_bricks(struct umb__pool *pool, const uint8_t *bytes, uint32_t c
                                1);
         }
     }
-    level->count = count;
     return true;
 }
 
@@ -121,6 +122,8 @@ static bool load_nodes(struct umb__pool *pool, uint32_t number, const uint8_t *m
     struct umb__pool_level *level = &pool->level[number];
     const uint32_t below = pool->level[number - 1].count;
     uint32_t tags[AHEAD] = {0};
+    level->count = count;
+    level->child_count = child_end;
     for (uint32_t i = 0; i < count + AHEAD; i++) {
         if (i >= AHEAD) {
             const uint32_t tag = tags[i % AHEAD];
@@ -137,8 +140,6 @@ static bool load_nodes(struct umb__pool *pool, uint32_t number, const uint8_t *m
                                1);
         }
     }
-    level->count = count;
-    level->child_count = child_end;
     return level->first[count] == child_end;
 }
 

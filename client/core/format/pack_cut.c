@@ -35,6 +35,9 @@ struct cutter {
     unsigned slots_log2;
     uint64_t page;       /* Number of the open page times MET_PAGE */
     uint64_t page_bytes; /* Estimated bytes of all pages cut so far */
+    size_t met;          /* Number of nodes in the open page */
+    bool is_full;        /* True: half of the slots are taken. Only false sums of kept cuts lead to
+                            a page of so many nodes. */
 };
 
 struct cutting {
@@ -57,7 +60,7 @@ static uint32_t children_of(const struct cutting *c, uint32_t level, uint32_t no
     return nodes->first[node + 1] - nodes->first[node];
 }
 
-/* Adds a node to the open page. Returns false if the page has it already. */
+/* Adds a node to the open page. Returns false if the page has it already, or is full. */
 static bool meet(struct cutter *cutter, uint32_t level, uint32_t node)
 {
     const uint64_t key = cutter->page | (uint64_t)level << 32 | node;
@@ -69,6 +72,11 @@ static bool meet(struct cutter *cutter, uint32_t level, uint32_t node)
             return false;
         }
     }
+    if (cutter->met > last / 2) {
+        cutter->is_full = true;
+        return false;
+    }
+    cutter->met++;
     cutter->slots[at] = key;
     return true;
 }
@@ -99,6 +107,7 @@ static uint32_t add_piece(const struct cutting *c, struct cutter *cutter, uint32
 static void begin_page(struct cutter *cutter)
 {
     cutter->page += MET_PAGE;
+    cutter->met = 0;
     if (cutter->page == 0) { /* The numbers are used up: the slots must be cleared once */
         memset(cutter->slots, 0, sizeof *cutter->slots << cutter->slots_log2);
         cutter->page = MET_PAGE;
@@ -213,10 +222,22 @@ static uint32_t first_node(const struct cutting *c, uint32_t level)
     return c->kept ? c->kept->counts[level] : 0;
 }
 
-/* Takes over the cuts of the nodes that are kept. */
-static void take_kept(struct cutting *c, uint32_t level)
+/* Returns true if a node may have these parts: each child has none or one of them, and each of them
+ * has a child. */
+static bool are_parts(uint32_t parts, uint32_t children)
 {
-    const uint32_t count = first_node(c, level);
+    const uint32_t count = umb__part_count(parts);
+    uint32_t seen = 0;
+    for (uint32_t i = 0; i < children; i++) {
+        seen |= 1U << umb__part_of(parts, i);
+    }
+    return (children == 8 || parts >> 4 * children == 0) && (seen | 1U) == (2U << count) - 1;
+}
+
+/* Takes over the cuts of the nodes that are kept. Returns false if a node cannot have its parts. */
+static bool take_kept(struct cutting *c, uint32_t level)
+{
+    const uint32_t *children, count = first_node(c, level);
     if (count > 0) {
         memcpy(c->cuts->sums[level], c->kept->sums[level], count * sizeof(uint32_t));
     }
@@ -225,15 +246,19 @@ static void take_kept(struct cutting *c, uint32_t level)
         memcpy(c->cuts->bytes[level], c->kept->bytes[level], count * sizeof(uint32_t));
         for (uint32_t node = 0; node < count; node++) {
             c->cutters[0].page_bytes += c->kept->bytes[level][node];
+            if (!are_parts(c->kept->parts[level][node], children_of(c, level, node, &children))) {
+                return false;
+            }
         }
     }
+    return true;
 }
 
 /* Cuts some of the level's nodes, unless this helper's pages alone exceed the limit. */
 static void cut_job(void *user, uint32_t job, unsigned worker)
 {
     struct cutting *c = user;
-    if (c->cutters[worker].page_bytes > c->most_bytes) {
+    if (c->cutters[worker].page_bytes > c->most_bytes || c->cutters[worker].is_full) {
         return;
     }
     const uint32_t first = first_node(c, c->level) + job * JOB_NODES;
@@ -256,13 +281,25 @@ static uint64_t page_bytes(const struct cutting *c)
     return bytes;
 }
 
+/* Returns true if a page of any helper took more nodes than a page has. */
+static bool is_full(const struct cutting *c)
+{
+    bool full = false;
+    for (unsigned i = 0; i < c->helpers; i++) {
+        full = full || c->cutters[i].is_full;
+    }
+    return full;
+}
+
 /* Cuts level after level. Pages are only ever added, so once they exceed the limit the result is
- * known, and the levels above are left out. */
-static void cut_levels(struct cutting *c, const struct umb_workers *workers)
+ * known, and the levels above are left out. Returns false if the cuts that are kept are false. */
+static bool cut_levels(struct cutting *c, const struct umb_workers *workers)
 {
     for (c->level = UMB_LEVEL_BRICK + 1;
          c->level <= UMB_LEVEL_MAX && page_bytes(c) <= c->most_bytes; c->level++) {
-        take_kept(c, c->level);
+        if (is_full(c) || !take_kept(c, c->level)) {
+            return false;
+        }
         const uint32_t count = c->octree->level[c->level].count - first_node(c, c->level);
         const uint32_t jobs = count / JOB_NODES + (count % JOB_NODES > 0);
         if (workers && jobs > 1) {
@@ -272,6 +309,7 @@ static void cut_levels(struct cutting *c, const struct umb_workers *workers)
             cut_job(c, job, 0);
         }
     }
+    return !is_full(c);
 }
 
 /* Divides the mixed roots into pages, in the order of the frusta. Roots without a page between them
@@ -355,9 +393,13 @@ static enum umb_status cut_all(struct cutting *c, const struct umb_workers *work
     if (!begin_cutters(c, most)) {
         return umb__pack_no_memory(error);
     }
-    cut_levels(c, workers);
-    if (page_bytes(c) <= c->most_bytes) {
+    bool true_cuts = cut_levels(c, workers);
+    if (true_cuts && page_bytes(c) <= c->most_bytes) {
         cut_roots(c);
+        true_cuts = !is_full(c);
+    }
+    if (!true_cuts) {
+        return umb_fail(error, UMB_E_CORRUPT, "kept pages: cuts that no octree has");
     }
     const uint64_t bytes = page_bytes(c);
     cuts->copies = c->once > 0 && bytes > c->once ? (double)bytes / (double)c->once : 1.0;

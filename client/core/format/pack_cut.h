@@ -64,7 +64,8 @@ struct umb__pack_cuts {
 /*
  * Cuts a surveyed octree. In: workers: or NULL; the result is the same. most: most estimated bytes
  * of a page; 0: the size that the format page chooses. kept: cuts of nodes that are known, or NULL;
- * the result is the same. Out: cuts: finish them also after a failure. Fails: E_NO_MEMORY.
+ * the result is the same if they are true. Out: cuts: finish them also after a failure.
+ * Fails: E_NO_MEMORY, E_CORRUPT (kept cuts that no octree has).
  */
 UMB_CHECKED enum umb_status umb__pack_cut(const struct umb__octree *octree,
                                           const struct umb__pack_survey *survey,

@@ -184,23 +184,30 @@ static enum umb_status write_page(const struct writer *w, struct worker *worker,
     return UMB_OK;
 }
 
-/* Takes over a page that is kept. Returns false if there is none. */
-static bool take_kept(const struct writer *w, uint32_t page)
+/* Returns true if the page is one of a node whose cuts are kept. */
+static bool is_kept(const struct writer *w, const struct umb__pack_page *page)
 {
     const struct umb__pack_kept *kept = w->job->kept;
-    const struct umb__kept_page *found = kept && kept->page_bytes == w->cuts.page_bytes
-                                             ? umb__pack_kept_find(kept, &w->pages[page])
-                                             : NULL;
+    return kept && kept->page_bytes == w->cuts.page_bytes && page->level > 0 &&
+           page->node < kept->counts[page->level];
+}
+
+/* Takes over a page that is kept. */
+static enum umb_status take_kept(const struct writer *w, struct worker *worker, uint32_t page)
+{
+    const struct umb__kept_page *found = umb__pack_kept_find(w->job->kept, &w->pages[page]);
     uint8_t *entry = w->entries + (size_t)page * UMB__PAGE_ENTRY;
-    if (!found) {
-        return false;
+    if (!found) { /* To make it here would take as long as false cuts want */
+        return umb_fail(&worker->error, UMB_E_CORRUPT,
+                        "kept pages: page %u of node %u of level %u is missing",
+                        w->pages[page].part, w->pages[page].node, w->pages[page].level);
     }
     memcpy(entry, found->entry, UMB__PAGE_ENTRY);
     umb__store64(entry + UMB__PAGE_OFFSET, 0);
     umb__store16(entry + UMB__PAGE_LINKS, 0);
     w->made[page] =
         (struct made){.stored = found->stored, .cuts = found->cuts, .cut_count = found->cut_count};
-    return true;
+    return UMB_OK;
 }
 
 /* Hashes the pages of a job into their entries. */
@@ -238,7 +245,9 @@ static void encode_pages(const struct writer *w, uint32_t job, unsigned number)
     }
     uint32_t fresh = 0;
     for (uint32_t page = first; page < first + count && worker->status == UMB_OK; page++) {
-        if (!take_kept(w, page)) {
+        if (is_kept(w, &w->pages[page])) {
+            worker->status = take_kept(w, worker, page);
+        } else {
             worker->status = write_page(w, worker, page, fresh);
             pages[fresh++] = page;
         }

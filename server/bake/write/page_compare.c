@@ -10,6 +10,7 @@
 #include <zstd.h>
 
 #include "base/try.h"
+#include "common/sha256.h"
 #include "format/directory.h"
 
 /* Pages of a job. */
@@ -35,6 +36,7 @@ struct matching {
     const struct umb__head *head;
     uint8_t *raw;            /* all pages, uncompressed */
     uint64_t *raw_at;        /* [pages + 1] Offset of a page in `raw` */
+    uint32_t *raw_length;    /* [pages] Bytes of a page, without its links */
     struct umb__page *pages; /* [pages] parsed; point into `raw` */
     level_starts *first;     /* [pages] Slot of a page's first node of each level */
     /* [slots of a level] Number of a node's partner in the octree, plus 1; 0: none yet */
@@ -82,7 +84,30 @@ static enum umb_status expand_page(struct matching *m, struct helper *helper, ui
     }
     UMB__TRY(umb__page_expand(helper->zstd, stored, &entry, raw, &helper->error));
     umb__directory_links(m->head, &entry, raw + entry.raw_length);
+    m->raw_length[page] = entry.raw_length;
     return umb__page_open(raw, &entry, &m->pages[page], &helper->error);
+}
+
+/* Compares the hashes of expanded pages with those of the directory. The writer takes the hashes of
+ * kept pages over. */
+static enum umb_status compare_hashes(const struct matching *m, struct helper *helper,
+                                      uint32_t begin, uint32_t end)
+{
+    const uint8_t *messages[BLOCK] = {NULL};
+    uint8_t digests[BLOCK][UMB_ID_BYTES];
+    size_t sizes[BLOCK] = {0};
+    for (uint32_t p = begin; p < end; p++) {
+        messages[p - begin] = m->raw + m->raw_at[p];
+        sizes[p - begin] = m->raw_length[p];
+    }
+    umb__digest_many(&umbs_sha256, messages, sizes, end - begin, digests);
+    for (uint32_t p = begin; p < end; p++) {
+        if (memcmp(digests[p - begin], umb__directory_hash(m->head, p), UMB_ID_BYTES) != 0) {
+            return umb_fail(&helper->error, UMB_E_INTERNAL,
+                            "self-check: page %u of the written file is not what its hash says", p);
+        }
+    }
+    return UMB_OK;
 }
 
 /* Finds the slot of a node in the array of its level. */
@@ -225,6 +250,10 @@ static void run_job(void *user, uint32_t job, unsigned worker)
                                                          : match_nodes(m, helper, p);
         }
     }
+    if (helper->status == UMB_OK && m->level == 0 &&
+        !atomic_load_explicit(&m->failed, memory_order_relaxed)) {
+        helper->status = compare_hashes(m, helper, begin, end);
+    }
     if (helper->status != UMB_OK) {
         atomic_store_explicit(&m->failed, 1, memory_order_relaxed);
     }
@@ -253,11 +282,12 @@ static enum umb_status open_pages(struct matching *m, uint64_t raw_total, struct
     const size_t count = m->head->page_count, workers = m->compare->workers->count;
     m->raw = malloc((size_t)raw_total + 1);
     m->raw_at = malloc((count + 1) * sizeof *m->raw_at);
+    m->raw_length = malloc((count + 1) * sizeof *m->raw_length);
     m->pages = malloc((count + 1) * sizeof *m->pages);
     m->first = malloc((count + 1) * sizeof *m->first);
     m->helpers = calloc(workers, sizeof *m->helpers);
-    if (m->raw == NULL || m->raw_at == NULL || m->pages == NULL || m->first == NULL ||
-        m->helpers == NULL) {
+    if (m->raw == NULL || m->raw_at == NULL || m->raw_length == NULL || m->pages == NULL ||
+        m->first == NULL || m->helpers == NULL) {
         return no_memory(error);
     }
     uint64_t at = 0;
@@ -325,6 +355,7 @@ static void matching_finish(struct matching *m)
     free(m->helpers);
     free(m->raw);
     free(m->raw_at);
+    free(m->raw_length);
     free(m->pages);
     free(m->first);
 }
@@ -333,9 +364,9 @@ static void matching_finish(struct matching *m)
  * least one byte of a page. */
 static uint64_t most_bytes(const struct matching *m, uint64_t raw_total)
 {
-    uint64_t bytes =
-        raw_total + (m->head->page_count + 1) *
-                        (uint64_t)(sizeof *m->pages + sizeof *m->first + sizeof *m->raw_at);
+    uint64_t bytes = raw_total + (m->head->page_count + 1) *
+                                     (uint64_t)(sizeof *m->pages + sizeof *m->first +
+                                                sizeof *m->raw_at + sizeof *m->raw_length);
     uint64_t longest = 1;
     for (uint32_t page = 0; page < m->head->page_count; page++) {
         const struct umb__page_entry entry = umb__directory_load(m->head, page);

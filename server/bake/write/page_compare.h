@@ -14,6 +14,8 @@
  * - their mixed children are partners, too;
  * - the file counts as many nodes as the octree has.
  *
+ * Each page must also have the hash that the directory names: clients look pages up by it.
+ *
  * The comparison uses nothing that the writer noted about pages. So it finds errors of the writer,
  * of the compression and of the disk.
  */

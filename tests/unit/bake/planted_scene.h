@@ -2,8 +2,8 @@
 #ifndef UMBRAGE_TESTS_UNIT_BAKE_PLANTED_SCENE_H
 #define UMBRAGE_TESTS_UNIT_BAKE_PLANTED_SCENE_H
 /*
- * A scene before and after an edit, baked with a folder of tiles and records of the self-check; and
- * octrees with one wrong voxel. Include after cmocka.h.
+ * A scene before and after an edit, baked with a folder of tiles, records of the self-check and, if
+ * wanted, a base; and octrees with one wrong voxel. Include after cmocka.h.
  *
  * Twelve boxes stand on a floor of 20 m under a slanted sun; the edit moves one box by half a
  * metre. Voxels are planted where the truth is known without rays: the neighbourhood is uniform in
@@ -13,15 +13,21 @@
 #include <unistd.h>
 
 #include "bake/analysis/light_frame.h"
+#include "bake/build/tile_loop.h"
+#include "bake/tiles/base_octree.h"
 #include "bake/tiles/tile_folder.h"
 #include "bake/write/publish.h"
 #include "bake_soups.h"
 #include "format/node_pool.h"
 #include "tile_folders.h"
 
+/* Voxels and tile of the scene; a test may define others before it includes this file. */
+#ifndef PLANTED_LOG2
+#define PLANTED_LOG2      8
+#define PLANTED_TILE_LOG2 7
+#endif
+
 enum {
-    PLANTED_LOG2 = 8,
-    PLANTED_TILE_LOG2 = 7,
     PLANTED_POINTS = 100000,
     PLANTED_REACH = 2, /* voxels around a planted one that have its true state */
 };
@@ -36,6 +42,7 @@ struct planted_scene {
 /* The two scenes and what their bakes share. */
 struct planted {
     int closed_rule;
+    int with_base; /* 1: the cache also keeps the merged octree */
     struct planted_scene before, after;
     struct umb_light_info light;
     struct umb_frustum_info frustum;
@@ -47,6 +54,11 @@ struct planted_bake {
     struct umbb_analysis analysis;
     struct umbb_tile_folder folder;
     struct umbb_proofs proofs;
+    struct umbb_base base;
+    int keeps;             /* 1: the bake writes its base */
+    struct umb__pool pool; /* until the octree is taken */
+    uint32_t root;
+    int is_planted;
     struct umb__octree octree;
     struct umbb_publish publish;
     struct umb_error error;
@@ -118,7 +130,22 @@ static inline void planted_finish(struct planted *p)
     }
 }
 
-/* Bakes a scene with the folder of tiles, up to its octree. */
+/* Takes the octree of a bake, and leaves out nodes that no root reaches. */
+static inline void planted_take(struct planted_bake *bake)
+{
+    const uint32_t level = PLANTED_LOG2;
+    struct umb__octree_map map = {.alloc = NULL};
+    assert_int_equal(
+        umb__pool_take(&bake->pool, &bake->root, &level, 1, &bake->octree, &bake->error), UMB_OK);
+    if (bake->base.is_loaded) {
+        assert_int_equal(umbb_base_compact(&bake->base, &bake->octree, &bake->error), UMB_OK);
+    } else if (bake->is_planted) {
+        assert_int_equal(umb__octree_compact(&bake->octree, &map, &bake->error), UMB_OK);
+        umb__octree_map_finish(&map);
+    }
+}
+
+/* Bakes a scene with the folder of tiles, and the base if there is one, up to its octree. */
 static inline void planted_bake(struct planted *p, const struct planted_scene *scene,
                                 struct planted_bake *bake)
 {
@@ -136,6 +163,12 @@ static inline void planted_bake(struct planted *p, const struct planted_scene *s
     assert_int_equal(umbb_proofs_open(&bake->proofs, &job, &bake->error), UMB_OK);
     assert_non_null(bake->proofs.frusta);
     bake->folder.proofs = &bake->proofs;
+    if (p->with_base) {
+        bake->folder.base = &bake->base;
+        assert_int_equal(umbb_base_open(&bake->base, &bake->proofs, &bake->folder.cache,
+                                        (size_t)1 << 28, &bake->error),
+                         UMB_OK);
+    }
     const struct umbb_casters casters = soup_casters(&scene->voxels, p->closed_rule);
     const struct umbb_depth_options depth_options = {.tile_log2 = PLANTED_TILE_LOG2, .threads = 1};
     struct umbb_depth depth;
@@ -151,7 +184,13 @@ static inline void planted_bake(struct planted *p, const struct planted_scene *s
                                               .closed_rule = p->closed_rule,
                                               .octree_max_bytes = (size_t)1 << 30,
                                               .cached_tiles = &tiles};
-    assert_int_equal(bake_frustum(&depth, &options, &bake->octree, NULL, &bake->error), UMB_OK);
+    umb__pool_init(&bake->pool, NULL, options.octree_max_bytes);
+    bake->root = UMB__REF_LIT;
+    if (p->with_base) {
+        umbb_base_load(&bake->base, &bake->pool);
+    }
+    assert_int_equal(umbb_bake_into(&depth, &options, &bake->pool, &bake->root, NULL, &bake->error),
+                     UMB_OK);
     umbb_tile_folder_frustum_end(&bake->folder);
     depth.destroy(depth.state);
 }
@@ -159,12 +198,23 @@ static inline void planted_bake(struct planted *p, const struct planted_scene *s
 static inline void planted_bake_finish(struct planted_bake *bake)
 {
     umbb_publish_abandon(&bake->publish);
+    umbb_base_close(&bake->base);
     umbb_proofs_close(&bake->proofs);
     umbb_tile_folder_close(&bake->folder);
+    umb__pool_finish(&bake->pool);
     umb__octree_finish(&bake->octree);
 }
 
-/* Writes a bake's octree, which is taken over, and checks the file. */
+/* Keeps the octree that was written for the next bake. */
+static inline void planted_keep(void *user, const struct umb__pack_cuts *cuts,
+                                const struct umb__kept_page *pages, uint32_t page_count)
+{
+    struct planted_bake *bake = user;
+    assert_int_equal(umbb_base_keep(&bake->base, cuts, pages, page_count, &bake->error), UMB_OK);
+}
+
+/* Takes and writes a bake's octree, and checks the file. Fails as the writer or the
+ * check. */
 static inline enum umb_status planted_publish(struct planted *p, const struct planted_scene *scene,
                                               struct planted_bake *bake)
 {
@@ -186,9 +236,18 @@ static inline enum umb_status planted_publish(struct planted *p, const struct pl
                                      .threads = 1,
                                      .quiet = 1,
                                      .proofs = &bake->proofs};
+    planted_take(bake);
     assert_int_equal(umbb_publish_begin(&bake->publish, p->output, &bake->error), UMB_OK);
-    assert_int_equal(umbb_publish_write(&bake->publish, &content, &bake->octree, &bake->error),
-                     UMB_OK);
+    if (bake->folder.base != NULL) {
+        bake->publish.kept = &bake->base.kept;
+        bake->publish.made = bake->keeps ? planted_keep : NULL;
+        bake->publish.made_user = bake;
+    }
+    const enum umb_status status =
+        umbb_publish_write(&bake->publish, &content, &bake->octree, &bake->error);
+    if (status != UMB_OK) {
+        return status;
+    }
     return umbb_publish_check(&bake->publish, &bake->octree, &check, &bake->error);
 }
 
@@ -238,98 +297,45 @@ static inline void planted_draw(const struct planted *p, const struct planted_sc
     fail_msg("no voxel to plant");
 }
 
-/* A copy of an octree with one voxel turned around. */
-struct planting {
-    const struct umb__octree *from;
-    struct umb__pool pool;
-    uint32_t *copies[UMB_LEVEL_MAX + 1]; /* [nodes of the level] reference plus 1; 0: none yet */
-    const uint32_t *at;
-};
-
-static inline uint32_t planting_copy(struct planting *p, uint32_t level, enum umb__node_state state,
-                                     uint32_t index, int on_path);
-
-/* Copies a brick, or a uniform one on the way to the voxel. */
-static inline uint32_t planting_brick(struct planting *p, enum umb__node_state state,
-                                      uint32_t index, int on_path)
+/* Returns a brick or node on the way to the voxel, made anew with the voxel turned around. Nodes
+ * keep their numbers. */
+static inline uint32_t planting(struct umb__pool *pool, uint32_t level, uint32_t ref,
+                                const uint32_t at[3])
 {
-    uint64_t slices[8];
-    uint32_t ref = 0;
-    struct umb_error error;
-    for (int z = 0; z < 8; z++) {
-        slices[z] = state == UMB__NODE_MIXED ? p->from->bricks[index][z]
-                    : state == UMB__NODE_LIT ? UINT64_MAX
-                                             : 0;
-    }
-    if (on_path) {
-        slices[p->at[2] & 7] ^= (uint64_t)1 << ((p->at[0] & 7) + 8 * (p->at[1] & 7));
-    }
-    assert_int_equal(umb__pool_brick(&p->pool, slices, &ref, &error), UMB_OK);
-    return ref;
-}
-
-static inline uint32_t planting_node(struct planting *p, uint32_t level, enum umb__node_state state,
-                                     uint32_t index, int on_path)
-{
-    const struct umb__octree_level *from = &p->from->level[level];
+    const enum umb__node_state state = umb__ref_state(ref);
     const uint32_t bit = level - 1;
-    const unsigned towards =
-        (p->at[0] >> bit & 1) + 2 * (p->at[1] >> bit & 1) + 4 * (p->at[2] >> bit & 1);
-    const uint32_t *child = state == UMB__NODE_MIXED ? from->children + from->first[index] : NULL;
-    uint32_t children[8], ref = 0;
+    const unsigned towards = (at[0] >> bit & 1) + 2 * (at[1] >> bit & 1) + 4 * (at[2] >> bit & 1);
+    uint64_t slices[8];
+    uint32_t children[8], made = 0, mixed = 0;
     struct umb_error error;
+    if (level == UMB_LEVEL_BRICK) {
+        for (int z = 0; z < 8; z++) {
+            slices[z] = state == UMB__NODE_MIXED ? pool->bricks[ref][z]
+                        : state == UMB__NODE_LIT ? UINT64_MAX
+                                                 : 0;
+        }
+        slices[at[2] & 7] ^= (uint64_t)1 << ((at[0] & 7) + 8 * (at[1] & 7));
+        assert_int_equal(umb__pool_brick(pool, slices, &made, &error), UMB_OK);
+        return made;
+    }
+    const struct umb__pool_level *nodes = &pool->level[level];
     for (unsigned c = 0; c < 8; c++) {
         const enum umb__node_state inner =
-            child != NULL ? umb__mask_state(from->masks[index], c) : state;
-        children[c] = planting_copy(p, level - 1, inner, inner == UMB__NODE_MIXED ? *child++ : 0,
-                                    on_path && c == towards);
+            state == UMB__NODE_MIXED ? umb__mask_state(nodes->masks[ref], c) : state;
+        children[c] = inner == UMB__NODE_MIXED ? nodes->children[nodes->first[ref] + mixed++]
+                      : inner == UMB__NODE_LIT ? UMB__REF_LIT
+                                               : UMB__REF_SHADOWED;
     }
-    assert_int_equal(umb__pool_node(&p->pool, level, children, &ref, &error), UMB_OK);
-    return ref;
+    children[towards] = planting(pool, level - 1, children[towards], at);
+    assert_int_equal(umb__pool_node(pool, level, children, &made, &error), UMB_OK);
+    return made;
 }
 
-static inline uint32_t planting_copy(struct planting *p, uint32_t level, enum umb__node_state state,
-                                     uint32_t index, int on_path)
+/* Turns one voxel of a bake around, before its octree is taken. */
+static inline void planted_plant(struct planted_bake *bake, const uint32_t at[3])
 {
-    if (!on_path && state != UMB__NODE_MIXED) {
-        return state == UMB__NODE_LIT ? UMB__REF_LIT : UMB__REF_SHADOWED;
-    }
-    uint32_t *copy = on_path ? NULL : &p->copies[level][index];
-    if (copy != NULL && *copy != 0) {
-        return *copy - 1;
-    }
-    const uint32_t ref = level == UMB_LEVEL_BRICK ? planting_brick(p, state, index, on_path)
-                                                  : planting_node(p, level, state, index, on_path);
-    if (copy != NULL) {
-        *copy = ref + 1;
-    }
-    return ref;
-}
-
-/* Turns one voxel of an octree around. */
-static inline void planted_plant(struct umb__octree *octree, const uint32_t at[3])
-{
-    struct planting p = {.from = octree, .at = at};
-    const uint32_t log2_size = octree->roots[0].level;
-    struct umb__octree planted;
-    struct umb_error error;
-    umb__pool_init(&p.pool, octree->alloc, SIZE_MAX);
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= log2_size; level++) {
-        p.copies[level] =
-            calloc(umb__octree_level_count(octree, level) + 1U, sizeof *p.copies[level]);
-        assert_non_null(p.copies[level]);
-    }
-    const uint32_t root =
-        planting_copy(&p, log2_size, octree->roots[0].state, octree->roots[0].index, 1);
-    assert_int_equal(umb__pool_take(&p.pool, &root, &log2_size, 1, &planted, &error), UMB_OK);
-    assert_int_not_equal(octree_voxel(octree, at[0], at[1], at[2]),
-                         octree_voxel(&planted, at[0], at[1], at[2]));
-    for (uint32_t level = UMB_LEVEL_BRICK; level <= log2_size; level++) {
-        free(p.copies[level]);
-    }
-    umb__pool_finish(&p.pool);
-    umb__octree_finish(octree);
-    *octree = planted;
+    bake->root = planting(&bake->pool, PLANTED_LOG2, bake->root, at);
+    bake->is_planted = 1;
 }
 
 #endif

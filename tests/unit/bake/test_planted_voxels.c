@@ -12,13 +12,23 @@
 #include "rays/rays.h"
 #include "rays/verify_squares.h"
 
-#define PLANTS 50 /* under each rule */
+#define PLANTS 30 /* under each rule, with and without a base */
+#define WAYS   4  /* rules, without and with a base */
 
-/* Bakes and publishes the scene before the edit, so that the cache has its tiles and records. */
+/* Prepares the scene. In: way: bit 0: under the closed rule; bit 1: with a base. */
+static void begin(struct planted *p, int way)
+{
+    planted_init(p, way & 1);
+    p->with_base = way >> 1;
+}
+
+/* Bakes and publishes the scene before the edit, so that the cache has its tiles, records and
+ * base. */
 static void bake_before(struct planted *p)
 {
     struct planted_bake bake;
     planted_bake(p, &p->before, &bake);
+    bake.keeps = 1;
     assert_int_equal(planted_publish(p, &p->before, &bake), UMB_OK);
     assert_true(bake.publish.checked.sampled);
     assert_int_equal(umbb_publish_commit(&bake.publish, &bake.error), UMB_OK);
@@ -80,19 +90,20 @@ static void the_part_has_the_voxels_of_changed_tiles_and_those_around_them(void 
 static void it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again(void **state)
 {
     (void)state;
-    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+    for (int way = 0; way < WAYS; way++) {
         struct planted p;
         struct soup random;
         int found = 0;
-        planted_init(&p, closed_rule);
+        begin(&p, way);
         soup_init(&random, 1, 801);
         bake_before(&p);
         for (int i = 0; i < PLANTS; i++) {
             struct planted_bake bake;
             uint32_t at[3];
             planted_bake(&p, &p.after, &bake);
+            assert_int_equal(bake.base.is_loaded, p.with_base);
             planted_draw(&p, &p.after, &bake, 0, &random, at);
-            planted_plant(&bake.octree, at);
+            planted_plant(&bake, at);
             found += planted_publish(&p, &p.after, &bake) == UMB_E_INTERNAL &&
                      strstr(bake.error.message, "disagree with traced rays") != NULL;
             assert_false(bake.publish.checked.sampled);
@@ -100,7 +111,7 @@ static void it_finds_a_wrong_voxel_in_a_tile_that_was_baked_again(void **state)
             umbb_proofs_refuse(&bake.proofs); /* so that the next bake does not find the tile */
             planted_bake_finish(&bake);
         }
-        print_message("closed rule %d: %d of %d found\n", closed_rule, found, PLANTS);
+        print_message("way %d: %d of %d found\n", way, found, PLANTS);
         assert_int_equal(found, PLANTS);
         planted_finish(&p);
     }
@@ -132,11 +143,11 @@ static uint64_t compare_all(const struct planted *p, const struct planted_scene 
 static void a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all(void **state)
 {
     (void)state;
-    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+    for (int way = 0; way < WAYS; way++) {
         struct planted p;
         struct soup random;
         int inherited = 0, found = 0;
-        planted_init(&p, closed_rule);
+        begin(&p, way);
         soup_init(&random, 1, 802);
         bake_before(&p);
         for (int i = 0; i < PLANTS; i++) {
@@ -144,13 +155,12 @@ static void a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all
             uint32_t at[3];
             planted_bake(&p, &p.after, &bake);
             planted_draw(&p, &p.after, &bake, 1, &random, at);
-            planted_plant(&bake.octree, at);
+            planted_plant(&bake, at);
             inherited += planted_publish(&p, &p.after, &bake) == UMB_OK;
             found += compare_all(&p, &p.after, bake.publish.file.temporary) > 0;
             planted_bake_finish(&bake);
         }
-        print_message("closed rule %d: %d inherited, %d of %d found\n", closed_rule, inherited,
-                      found, PLANTS);
+        print_message("way %d: %d inherited, %d of %d found\n", way, inherited, found, PLANTS);
         assert_int_equal(inherited, PLANTS);
         assert_int_equal(found, PLANTS);
         planted_finish(&p);
@@ -161,10 +171,10 @@ static void a_wrong_voxel_in_a_kept_tile_is_inherited_and_found_by_comparing_all
 static void without_one_both_agree(void **state)
 {
     (void)state;
-    for (int closed_rule = 0; closed_rule <= 1; closed_rule++) {
+    for (int way = 0; way < WAYS; way++) {
         struct planted p;
         struct planted_bake bake;
-        planted_init(&p, closed_rule);
+        begin(&p, way);
         bake_before(&p);
         planted_bake(&p, &p.after, &bake);
         assert_int_equal(planted_publish(&p, &p.after, &bake), UMB_OK);

@@ -250,12 +250,99 @@ static void damage_is_refused_or_harmless(void **state)
     before_finish(&before);
 }
 
+/* What a forger writes into the arrays of the cuts. */
+enum forgery {
+    NO_CUT,
+    PARTS_WITHOUT_CHILDREN,
+    NO_PAGES
+};
+
+/* Changes the arrays of all nodes: sums, parts and bytes; or leaves out the pages. */
+static void forge(struct before *before, enum forgery what)
+{
+    uint8_t *at = before->kept + 4 + 4 * (size_t)(UMB_LEVEL_MAX - UMB_LEVEL_BRICK);
+    for (uint32_t l = UMB_LEVEL_BRICK + 1; l <= UMB_LEVEL_MAX; l++) {
+        const size_t bytes = 4 * (size_t)before->counts[l];
+        if (what != NO_PAGES) {
+            memset(at, 0, bytes);
+        }
+        at += bytes;
+        if (l >= UMB__CUT_LOWEST) {
+            if (what != NO_PAGES) {
+                memset(at, what == NO_CUT ? 0 : 0xff, bytes);
+            }
+            at += 2 * bytes;
+        }
+    }
+    if (what == NO_PAGES) {
+        memset(at, 0, 8);
+        before->kept_size = (size_t)(at + 8 - before->kept);
+    }
+}
+
+/* Packs the octree edited once, with what is kept of it. */
+static enum umb_status pack_forged(const struct before *before, struct umb_error *error)
+{
+    struct umb__pool pool;
+    struct umb__octree octree;
+    struct umb__octree_map map;
+    struct umb__pack_kept kept;
+    struct umb__content content;
+    struct bytes bytes = {0};
+    const struct umb_sink sink = bytes_sink(&bytes);
+    const uint32_t levels[2] = {LOG2, LOG2};
+    uint64_t seed = 19;
+    uint8_t id[UMB_ID_BYTES];
+    make_content(&voxels, 0.5, origin, &content);
+    umb__pool_init(&pool, NULL, SIZE_MAX);
+    assert_int_equal(umb__pool_load(&pool, before->image, before->image_size, NULL), UMB_OK);
+    const uint32_t refs[2] = {edit(&pool, LOG2, before->roots[0], &seed), before->roots[1]};
+    assert_int_equal(umb__pool_take(&pool, refs, levels, 2, &octree, NULL), UMB_OK);
+    assert_int_equal(umb__octree_compact(&octree, &map, NULL), UMB_OK);
+    assert_int_equal(
+        umb__pack_kept_read(before->kept, before->kept_size, before->counts, &map, &kept, NULL),
+        UMB_OK);
+    const struct umb__pack_job job = {.content = &content,
+                                      .octree = &octree,
+                                      .sha256 = &test_digest,
+                                      .sink = &sink,
+                                      .kept = &kept};
+    const enum umb_status status = umb__pack_run(&job, id, error);
+    assert_true(status == UMB_OK || bytes.size == 0);
+    bytes_finish(&bytes);
+    umb__pack_kept_finish(&kept);
+    umb__octree_map_finish(&map);
+    umb__octree_finish(&octree);
+    return status;
+}
+
+/* Without a limit of the nodes of a page, NO_CUT would never end. */
+static void false_cuts_end_in_an_error(void **state)
+{
+    static const char *const told[] = {"cuts that no octree has", "cuts that no octree has",
+                                       "is missing"};
+    struct umb_error error;
+    struct before before;
+    (void)state;
+    before_make(&before);
+    assert_int_equal(pack_forged(&before, &error), UMB_OK);
+    before_finish(&before);
+    for (enum forgery what = NO_CUT; what <= NO_PAGES; what++) {
+        before_make(&before);
+        forge(&before, what);
+        assert_int_equal(pack_forged(&before, &error), UMB_E_CORRUPT);
+        assert_non_null(strstr(error.message, told[what]));
+        before_finish(&before);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_edited_octree_is_packed_to_the_same_bytes),
         cmocka_unit_test(a_loaded_pool_finds_the_nodes_of_the_image),
         cmocka_unit_test(damage_is_refused_or_harmless),
+        cmocka_unit_test(false_cuts_end_in_an_error),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
