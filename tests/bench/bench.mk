@@ -51,10 +51,10 @@ else
 BENCH_PEERS := $(BUILD)/peer_raw
 endif
 
-# The C program that the Python module is raced against.
-$(BUILD)/python_peer: $(BUILD)/tests/bench/python_peer.o $(CORE_LIB)
+# The C program that the Python module is raced against, with the same shared library.
+$(BUILD)/python_peer: $(BUILD)/tests/bench/python_peer.o $(BUILD)/libumbrage-core.so.$(SONAME)
 	$(call say,LD,$@)
-	$(Q)$(CC) $(LDFLAGS_ALL) $^ $(CORE_LIBS) -o $@
+	$(Q)$(CC) $(LDFLAGS_ALL) $^ -Wl,-rpath,'$$ORIGIN' -o $@
 bench-python: $(PROGRAMS) python $(BUILD)/scenegen $(BUILD)/python_peer ## the Python module against C: batches of 10^7 and of 64 points
 	@BUILD=$(BUILD) /usr/bin/python3 tests/bench/bench_python.py
 .PHONY: bench-python

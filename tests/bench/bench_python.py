@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """
-bench_python.py [POINTS]: races the Python module with a C program (python_peer.c) on the same points, round by
-round: large batches on one thread and on two, and the extra cost of a batch of 64 points. Then the module is
+bench_python.py [POINTS]: races the Python module (python_turns.py) with a C program (python_peer.c) on the same points,
+turn by turn: large batches on one thread and on two, and the extra cost of a batch of 64 points. Then the module is
 compared with one Embree ray a point from the same script (embree_loop.py), call by call and in one call. Prints one
 JSON object a row.
 """
@@ -13,13 +13,16 @@ import subprocess
 import sys
 import time
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, "..", "harness"))
 import umbrage_test as ut  # noqa: E402
 
 umbrage, np = ut.need_module()
 import embree_loop  # noqa: E402
 test = ut.Test()
+BATCH = 65536  # points of a call of the C program
 COUNT = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000_000
+PAIRS, TURNS = 7, 6  # new processes, and turns of each: the places that a process gets in memory are worth 3 %
 ROUNDS = 7
 ASSET, POINTS = test.path("city.umbm"), test.path("points.f32")
 SCENE = test.scene("city", 20, form="ply")
@@ -32,17 +35,17 @@ side = int(COUNT ** 0.5)
 x, y = np.meshgrid(np.linspace(low[0], high[0], side), np.linspace(low[1], high[1], side))
 points = np.stack([x.ravel(), y.ravel(), np.full(x.size, (low[2] + high[2]) / 3)], 1).astype(np.float32)
 points.tofile(POINTS)
-values = np.empty(len(points), np.float32)
 
 
-class Peer:
-    """The C program, a round at a time."""
+class Side:
+    """A program that answers the points once for each turn."""
 
-    def __init__(self, threads, batch, file=POINTS):
-        self.process = subprocess.Popen([ut.program("python_peer"), ASSET, file, str(threads), str(batch)],
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    def __init__(self, *words):
+        self.process = subprocess.Popen([str(word) for word in words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                                        env={**os.environ, "PYTHONPATH": os.path.join(ut.BUILD, "python")})
 
-    def round(self):
+    def turn(self):
+        """Seconds by the clock, and of processors."""
         self.process.stdin.write("\n")
         self.process.stdin.flush()
         return tuple(float(word) for word in self.process.stdout.readline().split())
@@ -50,6 +53,23 @@ class Peer:
     def close(self):
         self.process.stdin.close()
         self.process.wait()
+
+
+def race_batches(threads):
+    """Turns of both programs on all points: seconds as race() has them. The first of a turn changes from turn to turn."""
+    turns = []
+    for _ in range(PAIRS):
+        ours = Side(sys.executable, os.path.join(HERE, "python_turns.py"), ASSET, POINTS, threads)
+        theirs = Side(ut.program("python_peer"), ASSET, POINTS, threads, BATCH)
+        ours.turn(), theirs.turn()
+        for number in range(TURNS):
+            if number % 2:
+                turns.append((*ours.turn(), *theirs.turn()))
+            else:
+                peer = theirs.turn()
+                turns.append((*ours.turn(), *peer))
+        ours.close(), theirs.close()
+    return turns
 
 
 def timed(call):
@@ -66,20 +86,19 @@ def race(ours, theirs):
 
 
 def show(row, value, count, scale, turns, **more):
-    """Prints a row: the median of `value` over the turns, and median times of one of `count` items. A turn's two runs
-    meet the same load, so a ratio of a turn wanders less than a ratio of medians."""
-    wall, busy, peer_wall, peer_busy = (round(statistics.median(column) * 1e9 / count / scale, 2) for column in zip(*turns))
-    print(json.dumps({"row": row, "value": statistics.median(value(one[1], one[3]) for one in turns),
-                      "value_by_clock": statistics.median(value(one[0], one[2]) for one in turns), "python": busy,
-                      "peer": peer_busy, "python_by_clock": wall, "peer_by_clock": peer_wall, **more}))
+    """Prints a row: the value of median times, and these times of one of `count` items."""
+    wall, busy, peer_wall, peer_busy = (statistics.median(column) / count * 1e9 / scale for column in zip(*turns))
+    print(json.dumps({"row": row, "value": value(busy, peer_busy), "value_by_clock": value(wall, peer_wall),
+                      "python": round(busy, 2), "peer": round(peer_busy, 2), "python_by_clock": round(wall, 2),
+                      "peer_by_clock": round(peer_wall, 2), **more}))
 
 
 # Values are of processors' time: on a busy machine the clock counts other programs, and threads wait for each other.
 for threads in (1, 2):
-    peer = Peer(threads, 65536)
-    times = race(lambda: asset.query(points, taps=9, threads=threads, out=values), peer.round)
-    peer.close()
-    show(f"python_vs_c_threads{threads}", lambda ours, theirs: round(theirs / ours, 3), len(points), 1, times, unit="ns a point")
+    turns = race_batches(threads)
+    least = round(min(turn[3] for turn in turns) / min(turn[1] for turn in turns), 3)
+    show(f"python_vs_c_threads{threads}", lambda ours, theirs: round(theirs / ours, 3), len(points), 1, turns,
+         unit="ns a point", value_of_least=least)
 
 SMALL, BATCHES = 64, 20000
 few = points[:SMALL * BATCHES]
@@ -92,11 +111,10 @@ def small():
         asset.query(batch, taps=9)
 
 
-peer = Peer(1, SMALL, test.path("few.f32"))
-times = race(small, peer.round)
+peer = Side(ut.program("python_peer"), ASSET, test.path("few.f32"), 1, SMALL)
+times = race(small, peer.turn)
 peer.close()
-show("python_call_us", lambda ours, theirs: round((ours - theirs) / len(batches) * 1e6, 2), len(batches), 1000, times,
-     unit="us a batch of 64")
+show("python_call_us", lambda ours, theirs: round(ours - theirs, 2), len(batches), 1000, times, unit="us a batch of 64")
 
 # Rays from every fiftieth point: a Python loop over all of them takes minutes.
 RAYS = 200_000

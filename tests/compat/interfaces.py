@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "harness"))
 import umbrage_test as ut  # noqa: E402
@@ -35,11 +36,13 @@ def json_now(test, folder, daemon):
     scene, asset = os.path.join(folder, "scene.obj"), os.path.join(folder, "assets", "front.umb")
     points, out = os.path.join(folder, "points.f32"), test.path("json.out")
     at = ("--address", daemon.grpc_unix)
+    # A job that the daemon has not seen: a job of an earlier daemon has no figures of its tiles.
+    job = ("--sun", f"180,{time.time_ns() % 10**6 / 10**6 + 45}", "--up", "z", "--resolution", "256", "--verify", "0")
     bake = (scene, "--sun", "180,45", "--resolution", "256", "--up", "z", "--closed", "off", "--json")
     few = ("--points", points, "--format", "f32", "--taps", "9", "--json")
     calls = {"info": ("info", asset, "--json"), "query": ("query", asset, *few), "query-explain": ("query", asset, *few, "--explain"),
              "list": ("list", *at, "--json"), "jobs": ("jobs", *at, "--json"),
-             "submit": ("submit", scene, "--sun", "180,45", "--up", "z", "--resolution", "256", "--verify", "0", "--wait", "--json", *at), "sample": ("sample", asset, "--count", "5", "--json", "-o", out),
+             "submit": ("submit", scene, *job, "--wait", "--json", *at), "sample": ("sample", asset, "--count", "5", "--json", "-o", out),
              "verify": ("verify", asset, "--json"), "verify-scene": ("verify", asset, "--scene", scene, "--points", "1000", "--json"),
              "derive": ("derive", asset, "--size", "16", "--json", "-o", out), "unpack": ("unpack", asset, "--json", "-o", out),
              "stream": ("stream", "front", *at, "--box", "-1,-1,0,1,1,1", "--json", "-o", out),

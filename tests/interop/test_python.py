@@ -88,15 +88,16 @@ with test.check("the same bits for floats and doubles, shapes, threads, slices a
     want = city.query(points, normals, taps=9)
     assert (city.query(points.astype(np.float64), normals, taps=9) == want).all()
     assert (city.query(points.reshape(30, 100, 3), normals.reshape(30, 100, 3), taps=9).ravel() == want).all()
-    many = np.tile(points, (70, 1))  # several slices
+    COPIES = 400
+    many = np.tile(points, (COPIES, 1))  # several slices, on one thread and on two also long ones
     out = np.full(len(many), -1, np.float32)
     for threads in (1, 2, 3):
-        assert city.query(many, np.tile(normals, (70, 1)), taps=9, threads=threads, out=out) is out
-        assert (out == np.tile(want, 70)).all()
+        assert city.query(many, np.tile(normals, (COPIES, 1)), taps=9, threads=threads, out=out) is out
+        assert (out == np.tile(want, COPIES)).all()
     result = city.query(many, taps=9, threads=2, stats=True)
     assert result.stats.points == len(many) and result.exact.all() and result.bound_m > 0 and result.taps == 9
-    bits = city.query(many, np.tile(normals, (70, 1)), taps=9, format="bit", threads=2)
-    assert (np.unpackbits(bits, bitorder="little")[:len(many)] == (np.tile(want, 70) >= 0.5)).all()
+    bits = city.query(many, np.tile(normals, (COPIES, 1)), taps=9, format="bit", threads=2)
+    assert (np.unpackbits(bits, bitorder="little")[:len(many)] == (np.tile(want, COPIES) >= 0.5)).all()
     origin = np.array([1e6, -2e6, 100.0])
     assert city.query(points.astype(np.float64) - origin, origin=origin).shape == (3000,)
 

@@ -5,13 +5,13 @@ threads share the slices.
 """
 from __future__ import annotations
 
-import itertools
 import os
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Callable, Optional
 
-SLICE = 65536  # points: some milliseconds; a multiple of 512, so that no two slices share a cache line of answers
+SLICE = 65536        # points: a millisecond; a multiple of 512, so that no two slices share a cache line of answers
+LONG_SLICE = 262144  # points of a slice of a large batch: the interpreter takes some microseconds a slice
 
 _pool: Optional[ThreadPoolExecutor] = None
 _pool_threads = 0
@@ -47,23 +47,37 @@ def _end(futures: list[Future[None]]) -> None:
                 pass
 
 
-def run_slices(one: Callable[[int, int], Any], count: int, threads: int = 1, size: int = SLICE) -> None:
+def _cut(count: int, threads: int, size: int, longest: int) -> list[tuple[int, int]]:
+    """First item and number of each slice. The last 8 for each thread have `size` items, so that the threads end
+    together."""
+    slices, first = [], 0
+    while first < count:
+        left = count - first
+        number = min(left, longest if left > 8 * threads * size else size)
+        slices.append((first, number))
+        first += number
+    return slices
+
+
+def run_slices(one: Callable[[int, int], Any], count: int, threads: int = 1, size: int = SLICE,
+               longest: int = 0) -> None:
     """
-    Calls one(first, number) for slices that cover 0 .. count - 1, on `threads` threads. An exception or an interrupt
-    ends the batch after the slices that are under way.
+    Calls one(first, number) for slices that cover 0 .. count - 1, on `threads` threads. A slice has `size` items, and
+    in a large batch `longest`. An exception or an interrupt ends the batch after the slices that are under way.
     """
-    if threads <= 1 or count <= size:
-        for first in range(0, count, size):
-            one(first, min(size, count - first))
+    slices = _cut(count, threads, size, longest or size)
+    if threads <= 1 or len(slices) <= 1:
+        for first, number in slices:
+            one(first, number)
         return
-    numbers = itertools.count(0, size)  # next() of it is one step of the interpreter
+    shared = iter(slices)  # next() of it is one step of the interpreter
     stop = threading.Event()
 
     def work() -> None:
-        for first in numbers:
-            if first >= count or stop.is_set():
+        for first, number in shared:
+            if stop.is_set():
                 return
-            one(first, min(size, count - first))
+            one(first, number)
 
     pool, futures = _threads(threads - 1), []
     try:

@@ -14,7 +14,7 @@ from . import _library as lib
 from ._arrays import DOUBLE, FLOAT, c_points, slice_of, triple
 from ._library import Handle, check, core, ffi
 from ._settings import Dial, Settings, c_dial, c_settings, count
-from ._slices import SLICE, run_slices
+from ._slices import LONG_SLICE, SLICE, run_slices
 from .assets import NO_DIAL, Asset, Result, stats_of, whole_result
 from .info import read_info
 from .maps import Camera, Derived, derive
@@ -219,5 +219,5 @@ def _run(query: Any, batch: Any, keep: Any, values: Any, threads: int) -> Any:
         with lock:
             core.umb_query_stats_add(total, ffi.addressof(answers, "stats"))
 
-    run_slices(one, number, threads)
+    run_slices(one, number, threads, longest=LONG_SLICE)
     return total[0]
