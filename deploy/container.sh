@@ -7,8 +7,8 @@
 #
 # Where a newer digest comes from (it names the image for all architectures):
 #   skopeo inspect --format '{{.Digest}}' docker://docker.io/library/debian:12-slim
-# Take it when Debian publishes security updates. BUILDER names the program (default podman). Exit codes: 2 usage, 69 no builder, else the
-# builder's.
+# Take it when Debian publishes security updates. BUILDER names the program (default podman).
+# Exit codes: 2 usage, 69 no builder, else the builder's.
 set -eu
 cd "$(dirname "$0")/.."
 digest=${1:-$(sed -n 's/^ARG BASE_DIGEST=//p' deploy/Containerfile)} tag=${2-umbrage}

@@ -36,11 +36,15 @@ static enum umb_status read_record(struct umbc_view_site *site, struct umb_error
     const struct umb_partial_options options = {.sha256 = umb_sha256_openssl()};
     struct umb_partial *partial = NULL;
     struct umb_asset_info info;
+    if (site->head.open_bytes > FRONT_BYTES_MAX) {
+        return umb_fail(error, UMB_E_TOO_LARGE, "asset: its head has %llu bytes, at most %llu",
+                        (unsigned long long)site->head.open_bytes,
+                        (unsigned long long)FRONT_BYTES_MAX);
+    }
     const size_t size = (size_t)site->head.open_bytes;
-    uint8_t *front = site->head.open_bytes <= FRONT_BYTES_MAX ? malloc(size) : NULL;
+    uint8_t *front = malloc(size);
     if (front == NULL) {
-        return umb_fail(error, UMB_E_TOO_LARGE, "asset: its head has %llu bytes",
-                        (unsigned long long)site->head.open_bytes);
+        return umb_fail(error, UMB_E_NO_MEMORY, "asset: no memory for its head, %zu bytes", size);
     }
     enum umb_status status = read_asset(site, 0, front, size, error);
     status = status == UMB_OK ? umb_partial_open(front, size, &options, &partial, error) : status;

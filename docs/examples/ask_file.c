@@ -46,15 +46,21 @@ int main(int argc, char **argv)
 {
     static float positions[POINTS_MAX][3], normals[POINTS_MAX][3], visibility[POINTS_MAX];
     size_t count = 0;
+    int read = 6;
     if (argc != 2) {
         return report("give one asset file");
     }
     while (count < POINTS_MAX) {
         float *p = positions[count], *n = normals[count];
-        if (scanf("%f %f %f %f %f %f", &p[0], &p[1], &p[2], &n[0], &n[1], &n[2]) != 6) {
+        read = scanf("%f %f %f %f %f %f", &p[0], &p[1], &p[2], &n[0], &n[1], &n[2]);
+        if (read != 6) {
             break;
         }
         count++;
+    }
+    if (read != EOF && (read != 6 || scanf(" %*c") != EOF)) {
+        return report(count < POINTS_MAX ? "a line has other than six numbers"
+                                         : "more than 65536 points; give fewer");
     }
     if (ask(argv[1], positions[0], normals[0], count, visibility) != 0) {
         return 1;

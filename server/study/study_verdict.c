@@ -249,11 +249,13 @@ static void say_error(FILE *to, const struct umbt_study *study, double wrong, st
     *last = choice;
     fprintf(to, "At most %.2g %% wrong: ", 100.0 * wrong);
     say_setting(to, study, choice.any);
-    if (choice.soft != NULL && choice.soft == last_soft) {
-        fprintf(to, "; with wide filters as in the line above");
-    } else if (choice.soft != NULL && choice.soft != choice.any) {
+    if (choice.soft != NULL && choice.soft != choice.any) {
         fprintf(to, "; with wide filters ");
-        say_setting(to, study, choice.soft);
+        if (choice.soft == last_soft) {
+            fprintf(to, "as in the line above");
+        } else {
+            say_setting(to, study, choice.soft);
+        }
     }
     fprintf(to, ".\n");
 }

@@ -53,6 +53,10 @@ same "the C program compiles" 0 $?
 printf '10 2 10 0 1 0\n-40 0.5 12 0 1 0\n15 0.5 -20 0 1 0\n' >"$folder/points"
 "$BUILD/umbrage" query store/city.umb --points - --taps 9 --quiet <"$folder/points" >"$folder/wanted"
 same "it gets the answers of the command line" "$(cat "$folder/wanted")" "$("$folder/query" store/city.umb <"$folder/points")"
+printf '10 2 10 0 1 0\n-40 0.5 x\n' | "$folder/query" store/city.umb >"$folder/out" 2>"$folder/err"
+same "it refuses a line that has other than six numbers" "1 0" "$? $(wc -l <"$folder/out")"
+yes '10 2 10 0 1 0' | head -n 65537 | "$folder/query" store/city.umb >"$folder/out" 2>"$folder/err"
+same "it refuses more points than it has room for" "1 0" "$? $(wc -l <"$folder/out")"
 
 section python | smaller >tour.py
 if ! /usr/bin/python3 -c 'import numpy, cffi' 2>/dev/null; then
