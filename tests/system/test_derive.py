@@ -201,7 +201,7 @@ with test.check("what cannot be derived is refused in words"):
             (["--size", "100000"], "sides from 1 to 16384", 2),
             (["--technique", "esm", "--exponent", "1000"], "exponent", 2),
             (["--rect", "1,2,3"], "--rect: '1,2,3'", 2), (["--rect", "5,5,5,9"], "rect", 2),
-            (["--light", "7"], "light 7", 66), (["--cascades", "2"], "--camera", 2),
+            (["--light", "7"], "light: 7, the asset's lights are 0 to 0", 66), (["--cascades", "2"], "--camera", 2),
             (["--cascades", "9", "--camera", "x"], "--cascades: '9'", 2),
             (["--cascades", "2", "--camera", "eye=0,0,0,target=0,9,0,far=9"], "up axis", 2)):
         said = derive(asset, *options, code=code)
@@ -262,7 +262,7 @@ with test.check("a stranger's client gets the same, and hears what is wrong"):
             (Code.INVALID_ARGUMENT, "camera", {"view": M.CascadeView(count=1)}),
             (Code.INVALID_ARGUMENT, "width, height", {"width": 0}),
             (Code.RESOURCE_EXHAUSTED, "70000", {"width": 4294967295, "height": 4294967295}),
-            (Code.NOT_FOUND, "light 3", {"light": 3}), (Code.NOT_FOUND, "", {"asset": "none"})):
+            (Code.NOT_FOUND, "light: 3", {"light": 3}), (Code.NOT_FOUND, "", {"asset": "none"})):
         refused(code, words, M.DeriveMapRequest(**{
             "asset": "city-open", "width": 8, "height": 8, **fields}))
 with test.check("a call that is given up stops, and all its bytes are given back"):
@@ -271,7 +271,7 @@ with test.check("a call that is given up stops, and all its bytes are given back
         one = call(heavy, timeout=60)
         one.cancel()
     with futures.ThreadPoolExecutor(8) as pool:  # busy clients hear of the deadline from the daemon first
-        list(pool.map(lambda i: refused(Code.DEADLINE_EXCEEDED, "", heavy, timeout=0.002 + 0.001 * i), range(80)))
+        list(pool.map(lambda i: refused(Code.DEADLINE_EXCEEDED, "", heavy, timeout=0.002 + 0.0002 * i), range(80)))
     ut.wait_until(lambda: daemon.metric("umbrage_buffered_bytes") == 0, 30, "bytes are given back")
     assert list(call(M.DeriveMapRequest(asset="city-open", width=8, height=8), timeout=60))
 channel.close()

@@ -134,7 +134,7 @@ with test.check("a texture that would inflate to gigabytes is told as such, in b
 with test.check("nothing was written elsewhere, and nothing is left"):
     assert snapshot() - before <= {p for p in snapshot() if p.endswith(".log")}, snapshot() - before
     for folder in ("incoming", "bundles", "work"):
-        assert os.listdir(os.path.join(JOBS, folder)) == [], folder
+        ut.wait_until(lambda: not os.listdir(os.path.join(JOBS, folder)), 10, f"{folder} is empty")
     assert not subprocess.run(["pgrep", "-f", f"umbrage-bake .*{JOBS}"], stdout=subprocess.PIPE,
                               check=False).stdout
     assert daemon.process.poll() is None
