@@ -24,7 +24,7 @@ umbrage ($version-1) unstable; urgency=medium
 
   * docs/CHANGELOG.md in umbrage-doc lists the changes.
 
- -- The umbrage project <umbrage@localhost>  $(LC_ALL=C date -u -R -d "@$SOURCE_DATE_EPOCH")
+ -- $(sed -n "s/^Maintainer: //p" debian/control)  $(LC_ALL=C date -u -R -d "@$SOURCE_DATE_EPOCH")
 END
 unset BUILD MAKEFLAGS MAKEOVERRIDES MAKELEVEL CC CXX CFLAGS LDFLAGS PREFIX DESTDIR config werror
 dpkg-buildpackage -b -us -uc >../build.log 2>&1 || { tail -n 40 ../build.log >&2; exit 1; }
